@@ -286,10 +286,11 @@ def _note(found: Reconstruction, placed: Placed, factor: float, sigma: float) ->
         if before is not None and one is None
     ]
     means = "and by the floor that they have in common" if placed.by_floor else "alone, the floor not telling"
-    yardstick = "those of lengths.json" if placed.by_lengths else "the stature"
+    yardstick = "lengths.json" if placed.by_lengths else "the stature"
     text = (
         f"no calibration object: the cameras were placed by the athlete's keypoints {means}, to "
-        f"{100 * factor * float(placed.sigma_m[placed.sigma_m > 0.0].mean()):.1f} cm, and lengths by {yardstick}, to "
-        f"{100 * sigma:.1f} %; the world is its own, z up from the floor, x as the first camera looks at pan 0"
+        f"{100 * factor * float(placed.sigma_m[placed.sigma_m > 0.0].mean()):.1f} cm; {yardstick} tells how long a "
+        f"metre is, to {100 * sigma:.1f} %; the world is its own, z up from the floor, x as the first camera looks at "
+        "pan 0"
     )
     return text + (f"; not placed, since too little is seen from there: camera {', '.join(lost)}" if lost else "")

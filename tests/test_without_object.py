@@ -70,7 +70,7 @@ def test_cameras_in_metres_stay_as_they_are() -> None:
     kept = in_metres(found, placed)
     assert kept.motion is found.motion
     assert kept.cameras is found.cameras
-    assert "lengths by those of lengths.json, to 0.1 %" in kept.notes[-1]
+    assert "lengths.json tells how long a metre is, to 0.1 %" in kept.notes[-1]
 
 
 def test_a_stature_or_a_length_has_to_tell_how_long_a_metre_is(small_capture: Path) -> None:

@@ -15,9 +15,7 @@ from pzcap.types import Capture, PzcapError
 
 def export_results(results: Path, names: Sequence[str], out: Path, capture: Path | None, udp: str | None) -> int:
     """Write ``results`` in each of the formats, a folder each where there are several; the exit status."""
-    unknown = [name for name in names if name not in formats.FORMATS]
-    if unknown:
-        raise PzcapError(f"no format '{unknown[0]}'; there are {', '.join(formats.FORMATS)}")
+    names = [formats.known(name) for name in names]
     address = None if udp is None else _address(udp, names)
     wanted = any(formats.FORMATS[name].keypoints or formats.FORMATS[name].video for name in names)
     take = Take(load_results(results), _captured(results, capture) if wanted or capture is not None else None)
@@ -25,6 +23,7 @@ def export_results(results: Path, names: Sequence[str], out: Path, capture: Path
         files = formats.write(take, name, out / name if len(set(names)) > 1 else out)
         listed = [str(path) for path in files[:8]] + ([f"... {len(files)} files in all"] if len(files) > 8 else [])
         print("\n".join(listed))
+        print(f"pzcap: {name}: {formats.FORMATS[name].units}", file=sys.stderr)
         if formats.FORMATS[name].keypoints and not _has_keypoints(take):
             said = "the capture has no keypoints" if take.capture else "--capture FOLDER takes the keypoints along"
             print(f"pzcap: {name}: the calibration alone; {said}", file=sys.stderr)

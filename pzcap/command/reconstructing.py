@@ -33,6 +33,7 @@ def reconstruct_folder(folder: Path, out: Path, cameras: Path | None, threads: i
     results.save(found, out / RECONSTRUCTION)
     link_capture(out, folder)
     print("\n".join(summary(found)))
+    print("\n".join(further(out)))
     return 0
 
 
@@ -65,6 +66,14 @@ def _complete(recorder: object, reconstruction: Reconstruction, capture: Capture
     with recorder.timed() as rec:
         columns.send_reconstruction(rec, reconstruction, capture.subject)
         rec.send_blueprint(layouts.whole(layouts.overview(reconstruction, scored=False), reconstruction))
+
+
+def further(out: Path) -> Iterator[str]:
+    """Lines that say what can be done with the results in ``out``."""
+    if (out / RECORDING).is_file():
+        yield f"to look at it: rerun {out / RECORDING}"
+    yield f"to correct it: pzcap edit {out}"
+    yield f"to take it elsewhere: pzcap export {out} --to bvh --out FOLDER"
 
 
 def summary(found: Reconstruction) -> Iterator[str]:

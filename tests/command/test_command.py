@@ -44,6 +44,8 @@ def test_from_a_capture_to_a_skeleton(
     assert re.search(r": 8 frame sets from 11:05:53:03 to 11:05:53:10", said.out)
     assert re.search(r"camera 1: located in [78] of 8 frames; pan to 0\.0\d+ degrees", said.out)
     assert re.search(r"body: tracked in 8 of 8 frames; joints to \d+ mm", said.out)
+    assert f"to look at it: rerun {tmp_path / 'r' / 'recording.rrd'}\n" in said.out
+    assert said.out.endswith(f"to take it elsewhere: pzcap export {tmp_path / 'r'} --to bvh --out FOLDER\n")
     assert (tmp_path / "r" / "recording.rrd").stat().st_size > 10_000
     assert main(["export", str(tmp_path / "r"), "--to", "bvh", "--out", str(tmp_path / "e")]) == 0
     written = [Path(line) for line in capsys.readouterr().out.splitlines()]
@@ -66,7 +68,7 @@ def test_results_of_before_stay_until_new_ones_are_whole(
 
 
 def test_several_formats_have_a_folder_each(saved: Path, tmp_path: Path) -> None:
-    assert main(["export", str(saved), "--to", "trc", "chan", "--out", str(tmp_path)]) == 0
+    assert main(["export", str(saved), "--to", "TRC", "chan", "--out", str(tmp_path)]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {"trc", "chan"}
     assert main(["export", str(saved / "reconstruction"), "--to", "trc", "--out", str(tmp_path / "one")]) == 0
     assert list((tmp_path / "one").glob("*.trc"))
@@ -74,8 +76,10 @@ def test_several_formats_have_a_folder_each(saved: Path, tmp_path: Path) -> None
 
 def test_export_says_that_it_has_no_keypoints(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(saved), "--to", "aniposelib", "--out", str(tmp_path / "e")]) == 0
-    said = capsys.readouterr().err
-    assert said == "pzcap: aniposelib: the calibration alone; --capture FOLDER takes the keypoints along\n"
+    assert capsys.readouterr().err.splitlines() == [
+        "pzcap: aniposelib: metres, z up",
+        "pzcap: aniposelib: the calibration alone; --capture FOLDER takes the keypoints along",
+    ]
 
 
 def test_export_finds_the_capture_that_the_results_were_made_of(
@@ -85,7 +89,8 @@ def test_export_finds_the_capture_that_the_results_were_made_of(
     (tmp_path / "r" / "capture").symlink_to(small_capture / "capture")
     line = ["export", str(tmp_path / "r"), "--to", "aniposelib", "--out", str(tmp_path / "e")]
     assert main(line) == 0
-    assert capsys.readouterr().err == "pzcap: aniposelib: the calibration alone; the capture has no keypoints\n"
+    said = capsys.readouterr().err
+    assert said.endswith("pzcap: aniposelib: the calibration alone; the capture has no keypoints\n")
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "capture.json").write_text("{")
     (tmp_path / "r" / "capture").unlink()
@@ -113,7 +118,7 @@ def test_heads_that_were_tilted_are_calibrated_as_such(
     ("line", "says"),
     [
         (["export", "nowhere", "--to", "bvh", "--out", "x"], "nowhere: no reconstruction.json"),
-        (["export", "SAVED", "--to", "bvhh", "--out", "x"], "no format 'bvhh'; there are trc, c3d, bvh"),
+        (["export", "SAVED", "--to", "bvhh", "--out", "x"], "no format 'bvhh'; did you mean 'bvh'? There are trc"),
         (["export", "SAVED", "--to", "bvh", "--out", "x", "--udp", "127.0.0.1:1"], "--udp goes with --to freed alone"),
         (["export", "SAVED", "--to", "freed", "--out", "x", "--udp", "here"], "--udp here: give HOST:PORT"),
         (["reconstruct", "nowhere", "--out", "x"], "the folder that holds it; pzcap new FOLDER writes one"),
@@ -209,6 +214,9 @@ def test_it_runs_without_simulator_and_frameworks(saved: Path, tmp_path: Path) -
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stderr == (
+        "pzcap: bvh: centimetres, y up; Blender: Scale 0.01\n"
+        "pzcap: colmap: metres, z up\n"
+        "pzcap: freed: z up\n"
         "pzcap: USD is written by the package usd-core, which is not installed; pip install 'pzcap[export]'\n"
         "pzcap: the editor's server is not installed; pip install 'pzcap[editor]'\n"
     )

@@ -132,8 +132,16 @@ def test_a_take_without_a_body_is_told_what_can_be_written(tmp_path: Path) -> No
 
 
 def test_a_format_that_is_not_known(tmp_path: Path) -> None:
-    with pytest.raises(PzcapError, match="no format 'fbxx'; there are trc, c3d, bvh"):
+    with pytest.raises(PzcapError, match=r"no format 'fbxx'; did you mean 'fbx'\? There are trc, c3d, bvh"):
         formats.write(exported.take(), "fbxx", tmp_path)
+
+
+@pytest.mark.parametrize("name", formats.FORMATS)
+def test_the_page_of_a_format_has_the_units_that_the_command_says(name: str) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "formats" / f"{name}.md").read_text(encoding="utf-8")
+    units = formats.FORMATS[name].units.partition(";")[0]
+    told = " ".join(page.split()).lower().replace("**", "")
+    assert all(word in told for word in units.replace(" and ", ", ").split(", ")), units
 
 
 def test_fbx_is_written_by_blender_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

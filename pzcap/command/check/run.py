@@ -233,7 +233,8 @@ def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
         lacking = what_is_lacking(capture)
         yardstick = "the lengths of lengths.json" if capture.lengths else "stature"
         text = f"none: the athlete's keypoints and {yardstick} have to place the cameras, whose heads must be level"
-        yield Finding(Level.FAIL if lacking else Level.WARN, "", "object", f"{_OBJECT}: {lacking}" if lacking else text)
+        level = Level.WARN if capture.full_turn else Level.FAIL  # all else that may be lacking is made at home
+        yield Finding(level, "", "object", f"{_OBJECT}: {lacking}" if lacking else text)
     if capture.subject is None:
         yield Finding(
             Level.WARN, "", "subject", "no tape measurements (subject.json) yet: measure before the athlete goes"
