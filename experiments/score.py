@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from experiments import bound
 from experiments.plain_truth import true_capture
 from experiments.silhouette_score import ForegroundErrors
-from pzcap.extras.plain_results import body_track, camera_track, results_of
+from pzcap.export.tables import body_track, camera_track, results_of
 from pzcap.geometry import camera as geometry
 from pzcap.scoring import body_errors as scoring_body
 from pzcap.scoring import camera_errors as scoring_cameras

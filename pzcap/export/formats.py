@@ -22,6 +22,7 @@ from pzcap.export import (
     pose2sim,
     soccernet,
     stabilised,
+    tables,
     trc,
     uncertainty,
     usd,
@@ -64,6 +65,10 @@ FORMATS: Final[dict[str, Format]] = {
     "fbx": Format(
         "FBX, skinned body and cameras: Unreal, Unity, MotionBuilder", "centimetres, y up", fbx.write, True, True,
         "usd-core",
+    ),
+    "csv": Format(
+        "Tables of cameras and joints: pzcap-score, spreadsheets", "metres, radians and pixels, z up", tables.write,
+        True, True,
     ),
     "opentrackio": Format(
         "OpenTrackIO 1.0.1, cameras: Unreal, Aximmetry", "metres and degrees, z up", opentrackio.write, False, True

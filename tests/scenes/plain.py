@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from experiments.plain_truth import true_capture
-from pzcap.extras.plain_results import results_of
+from pzcap.export.tables import results_of
 from pzcap.scoring.files import write_results
 from pzcap.scoring.records import Results, TrueCapture
 from pzcap.scoring.truth_files import write_truth

@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.benchmark.entries import Description, entry_of, write_entry
 from experiments.plain_truth import true_capture
-from pzcap.extras.plain_results import results_of
+from pzcap.export.tables import results_of
 from pzcap.scoring.files import write_results
 from pzcap.scoring.truth_files import write_truth
 from tests.scenes import plain

@@ -15,7 +15,7 @@ import pytest
 from experiments.plain_truth import true_capture, write
 from experiments.score import score as score_in_memory
 from experiments.totals import metrics as metrics_in_memory
-from pzcap.extras.plain_results import results_of
+from pzcap.export.tables import results_of
 from pzcap.scoring import truth_files
 from pzcap.scoring.command import main, over
 from pzcap.scoring.files import read_results, write_results

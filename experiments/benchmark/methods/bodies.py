@@ -19,8 +19,8 @@ from experiments.comparisons.fixed_tools import LIMBS, TOOLS
 from experiments.comparisons.fixed_tools.clients import installed
 from experiments.comparisons.triangulation import all_joints, cameras_at, triangulate, triangulated
 from experiments.score import frames_of
+from pzcap.export.tables import body_track, results_of
 from pzcap.export.take import Take
-from pzcap.extras.plain_results import body_track, results_of
 from pzcap.io.capture import read_capture
 from pzcap.scoring.records import BodyTrack
 from pzcap.types import Camera, Mask, PzcapError, Reconstruction, Subject

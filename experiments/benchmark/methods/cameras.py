@@ -24,7 +24,7 @@ from experiments.comparisons.self_calibration.baselines import (
     wu_radke,
 )
 from experiments.comparisons.self_calibration.material import hall_footage, motion_footage, shots_of
-from pzcap.extras.plain_results import results_of
+from pzcap.export.tables import results_of
 from pzcap.geometry import camera as geometry
 from pzcap.scoring.readers.instants import Instant, track
 from pzcap.scoring.records import CameraTrack

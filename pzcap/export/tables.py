@@ -1,12 +1,23 @@
-"""A reconstruction as the plain results that `pzcap.scoring` scores and writes."""
+"""Tables of cameras and joints, as `pzcap-score` reads them and any spreadsheet does (docs/benchmark.md)."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+from pzcap.export.take import Take
 from pzcap.geometry import camera as geometry
+from pzcap.scoring.files import BODY, CAMERAS, HEADER, write_results
 from pzcap.scoring.records import BodyTrack, CameraPoses, CameraTrack, Results
 from pzcap.types import Motion, PanZoomCamera, PanZoomTrack, Reconstruction
+
+
+def write(take: Take, folder: Path) -> list[Path]:
+    """Write a folder of the take's name; the files."""
+    place = folder / take.file
+    write_results(results_of(take.reconstruction), place)
+    return [path for name in (HEADER, CAMERAS, BODY) if (path := place / name).is_file()]
 
 
 def results_of(reconstruction: Reconstruction) -> Results:
