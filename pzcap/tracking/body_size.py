@@ -20,7 +20,7 @@ from pzcap.body.skeleton import Body
 from pzcap.solver.robust import normal_sigma
 from pzcap.tracking.observation import expect
 from pzcap.tracking.tuning import BODY_SIZE
-from pzcap.types import Camera, Float32, Pose, Silhouette
+from pzcap.types import SEGMENTS, Camera, Float32, Pose, Silhouette
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def body_size(body: Body, logs: Sequence[float]) -> BodySize | None:
         return None
     median = float(np.median(logs))
     scatter = normal_sigma(np.array(logs) - median)
-    sigma = float(np.hypot(1.25 * scatter / np.sqrt(len(logs)), BODY_SIZE.sigma))
+    sigma = float(np.linalg.norm([1.25 * scatter / np.sqrt(len(logs)), BODY_SIZE.sigma, _sigma_of_clothes(body)]))
     return BodySize(float(np.exp(median)), sigma, float(np.hypot(sigma, np.sqrt(_size_variance(body.measured)))))
 
 
@@ -83,6 +83,16 @@ def resized(body: Body, size: BodySize) -> Body:
 def scaled(body: Body, ratio: float) -> Body:
     """The body so many times as large."""
     return replace(body, offsets_m=ratio * body.offsets_m, surface=body.surface.scaled(ratio))
+
+
+def _sigma_of_clothes(body: Body) -> float:
+    """Standard deviation of the logarithm of the size for clothes, which stand off by nobody knows how much."""
+    if not body.loose_m.any():
+        return 0.0
+    points, segment = body.surface.points_m, body.surface.segment
+    extents = np.array([np.sort(np.ptp(points[segment == s], axis=0)) for s in range(len(SEGMENTS))])
+    across, along = extents[:, :2].mean(axis=1), extents[:, 2]
+    return float(BODY_SIZE.loose * (2.0 * body.loose_m @ along) / (across @ along))
 
 
 def _size_variance(measured: Measured) -> float:

@@ -30,11 +30,11 @@ def camera(azimuth: float) -> Camera:
     return Camera(320, 240, world, 420.0, np.array([159.5, 119.5]), 0.0)
 
 
-def seen(ratio: float, hand: Array) -> tuple[Pose, list[Camera], list[Silhouette]]:
+def seen(ratio: float, hand: Array, body: Body = BODY) -> tuple[Pose, list[Camera], list[Silhouette]]:
     """What cameras see of the body when it is so many times as large, and the pose a hand makes of it."""
     cameras, silhouettes = [camera(azimuth) for azimuth in (0.3, 1.4, 2.9, 4.4)], []
     for each in cameras:
-        expected = expect(scaled(BODY, ratio), STANDING, 0.0, each, 0.6)
+        expected = expect(scaled(body, ratio), STANDING, 0.0, each, 0.6)
         assert expected is not None
         evidence = np.full((120, 160), -3.0, np.float32)
         height, width = expected.distance_px.shape
@@ -76,6 +76,19 @@ def test_the_right_tape_is_believed() -> None:
     assert not size.contradicts
     assert athlete_of_another_size(size, 0.9) == []
     np.testing.assert_allclose(resized(BODY, size).offsets_m, BODY.offsets_m, atol=0.003)
+
+
+@pytest.mark.parametrize("share", [0.6, 1.4])
+def test_clothes_that_hang_closer_or_wider_make_nobody_another_person(share: float) -> None:
+    said, worn = ({"shirt": room, "trousers": room} for room in (0.03, 0.03 * share))
+    body, dressed = (skeleton.build(replace(subject(), loose_m=room)) for room in (said, worn))
+    size = size_by(body, *(seen(1.0, by_hand(seed), dressed) for seed in (1, 2)))
+    assert size is not None
+    assert 0.01 < abs(np.log(size.ratio)) < 1.5 * size.sigma
+    assert athlete_of_another_size(size, 0.9) == []
+    tight = size_by(BODY, *(seen(1.0, by_hand(seed)) for seed in (1, 2)))
+    assert tight is not None
+    assert tight.sigma < 0.6 * size.sigma
 
 
 def test_a_size_that_was_guessed_is_measured() -> None:
