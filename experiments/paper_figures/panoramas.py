@@ -78,10 +78,11 @@ def _panorama(plot: Axes, run: Run, one: Located) -> None:
     cased(plot, footprint(shown, camera, at), REFERENCE)
     plot.set_title(f"Camera {literal(one.name)}", pad=3)
     plot.set_title(", ".join(said), loc="right", fontsize=8.0, fontweight="normal", color=MUTED, pad=3)
-    degrees: Array = np.arange(-180.0, 181.0, 30.0)
+    degrees: Array = np.arange(-720.0, 721.0, 30.0)  # a partial panorama may count on beyond half a turn
     at_column = shown.origin_px[0] - np.radians(degrees) * shown.px_per_rad
     inside = (at_column >= -1) & (at_column <= width)
-    plot.set_xticks(at_column[inside], [f"{value:.0f}" for value in degrees[inside]], fontsize=7.5)
+    labels = [f"{180.0 - (180.0 - value) % 360.0:.0f}" for value in degrees[inside]]
+    plot.set_xticks(at_column[inside], labels, fontsize=7.5)
     tilts: Array = np.array([-15.0, 0.0, 10.0])
     rows = shown.origin_px[1] - np.tan(np.radians(tilts)) * shown.px_per_rad
     inside = (rows >= 0) & (rows < height)
