@@ -120,7 +120,7 @@ def check_ranges(camera: str, places: Places, sweep: Sweep, run: ZoomRun, full_t
     angles = places.angles_rad[found]
     half = np.arctan(0.5 / (sweep.focal * scales))
     text = (
-        f"pans over {np.rad2deg(np.ptp(angles)):.0f} degrees at {scales.min():.2f} to {scales.max():.2f} times the"
+        f"pans over {np.rad2deg(np.ptp(angles)):.1f} degrees at {scales.min():.2f} to {scales.max():.2f} times the"
         " focal length of the sweep"
     )
     yield Finding(Level.OK, camera, "motion", text)
