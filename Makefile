@@ -7,13 +7,13 @@ RUN := $(VENV)/bin
 LAB := $(VENV)/.lab
 DEV := $(VENV)/.dev
 CLIENTS := .clients/.done
-# tests that start processes of their own, and need no kernels
+# tests that start processes of their own, and need no kernels: they run while these are compiled
 LAUNCHERS := tests/experiments/test_sweep.py tests/experiments/test_study.py
 # Python compiles what it imports; pip would all of it, half a minute
 INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --progress-bar off --no-compile \
           --constraint constraints.txt
 
-.PHONY: demo benchmark test test-all test-clients fuzz kills gate baseline docs check kernels launchers setup clean
+.PHONY: demo benchmark test test-all test-clients fuzz kills gate baseline docs check kernels setup clean $(LAUNCHERS)
 .DEFAULT_GOAL := demo
 
 demo: $(LAB)  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
@@ -25,7 +25,7 @@ benchmark: $(LAB)  ## shoot the mini split, let all methods of this tree answer,
 	$(RUN)/python -m experiments.benchmark board split=mini
 
 test: $(DEV)  ## everything that has to hold
-	$(MAKE) --no-print-directory --jobs 2 check kernels launchers
+	$(MAKE) --no-print-directory --jobs 2 check kernels $(LAUNCHERS)
 	$(RUN)/python -m pytest -n 2 --dist loadgroup $(LAUNCHERS:%=--ignore=%)
 
 fuzz: $(DEV)  ## 10,000 damaged files: each a result or one line; 20 minutes on a free machine
@@ -58,8 +58,8 @@ check: $(DEV)  ## style, types, and the arrows between the rooms
 kernels: $(DEV)  # compiled once, while the other core checks: two processes of tests would each compile all of them
 	$(RUN)/python -m pytest tests/test_pipeline.py::test_the_body_has_its_say_about_the_cameras
 
-launchers: $(DEV)  # meanwhile, once all is checked
-	$(RUN)/python -m pytest $(LAUNCHERS)
+$(LAUNCHERS): $(DEV)  # each as soon as a core is free
+	$(RUN)/python -m pytest $@
 
 setup: $(DEV)  ## all that the README's commands need
 
