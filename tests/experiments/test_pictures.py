@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from experiments.report.pictures import EMPTY, panorama_picture, window
+from pzcap.types import Camera, Panorama, PanZoomCamera, PanZoomTrack
 from pzcap.viewer.drawing import footprint, instants
 from tests.scenes import fabricated
 
 
-def test_a_border_is_drawn_where_it_lies_on_a_panorama_without_a_full_turn() -> None:
-    """The strip would reach beyond both edges of the panorama, and is cut there."""
+def first_view() -> tuple[PanZoomCamera, Panorama, PanZoomTrack, Camera]:
+    """A camera, its panorama, its track, and where it is in the first frame."""
     whole = fabricated.reconstruction()
     camera, panorama, track = whole.cameras[0], whole.panoramas[0], whole.tracks[0]
     assert camera is not None
@@ -20,6 +21,12 @@ def test_a_border_is_drawn_where_it_lies_on_a_panorama_without_a_full_turn() -> 
     assert track is not None
     at = instants(camera, track)[0]
     assert at is not None
+    return camera, panorama, track, at
+
+
+def test_a_border_is_drawn_where_it_lies_on_a_panorama_without_a_full_turn() -> None:
+    """The strip would reach beyond both edges of the panorama, and is cut there."""
+    camera, panorama, track, at = first_view()
     image = np.zeros((180, 420, 3), np.uint8)
     origin = np.array([210.0 + track.pan_rad[0] * panorama.px_per_rad, 90.0])
     part = replace(panorama, image=image, valid=np.ones((180, 420), bool), origin_px=origin, full_turn=False)
@@ -31,8 +38,7 @@ def test_a_border_is_drawn_where_it_lies_on_a_panorama_without_a_full_turn() -> 
 
 def test_a_sweep_that_passes_behind_the_camera_is_shown_there() -> None:
     """A partial panorama may count its azimuths on beyond half a turn, where frames count from the other side."""
-    panorama = fabricated.reconstruction().panoramas[0]
-    assert panorama is not None
+    _, panorama, _, _ = first_view()
     around = round(2 * np.pi * panorama.px_per_rad)
     swept = round(0.9 * around)
     shades = np.broadcast_to(np.linspace(80, 250, swept)[None, :, None], (40, swept, 3)).astype(np.uint8)
@@ -49,13 +55,7 @@ def test_a_sweep_that_passes_behind_the_camera_is_shown_there() -> None:
 
 
 def test_a_footprint_behind_the_camera_lies_on_the_sweep() -> None:
-    whole = fabricated.reconstruction()
-    camera, panorama, track = whole.cameras[0], whole.panoramas[0], whole.tracks[0]
-    assert camera is not None
-    assert panorama is not None
-    assert track is not None
-    at = instants(camera, track)[0]
-    assert at is not None
+    camera, panorama, track, at = first_view()
     pan_rad = float(track.pan_rad[0]) + 2 * np.pi  # as a sweep counts that went once round before it came there
     origin = np.array([210.0 + pan_rad * panorama.px_per_rad, 90.0])
     part = replace(
@@ -67,8 +67,7 @@ def test_a_footprint_behind_the_camera_lies_on_the_sweep() -> None:
 
 
 def test_across_the_gap_of_a_sweep_the_picture_is_grey() -> None:
-    panorama = fabricated.reconstruction().panoramas[0]
-    assert panorama is not None
+    _, panorama, _, _ = first_view()
     around = round(2 * np.pi * panorama.px_per_rad)
     gap = round(0.05 * around)
     swept = around - gap
