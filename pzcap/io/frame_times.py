@@ -131,6 +131,14 @@ def _trembling(times_s: NDArray[np.float64]) -> _Trembling | None:
     return _Trembling(rate, round(float(rate) * (start + period * float(numbers.mean())) - float(numbers.mean())))
 
 
+def usual_rate(times_s: NDArray[np.float64]) -> Fraction:
+    """The rate that a camera was set to whose frames at ``times_s`` (N,) vary in rate: the usual one that is nearest to
+    most of them."""
+    period = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
+    # of 30 and 29.97 nobody can tell which one varies
+    return min((rate for rate in _USUAL_RATES if rate.denominator == 1), key=lambda rate: abs(np.log(rate * period)))
+
+
 # --------------------------------------------------------------------------------------------------------------
 # Errors
 
