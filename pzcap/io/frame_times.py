@@ -24,6 +24,10 @@ _USUAL_RATES: Final = tuple(
 )
 
 
+_OWN_CLOCK: Final = ("mpegts", "mpeg", "avi", "flv")
+"""Formats, as FFmpeg names them, whose first stamp says nothing but how long the recorder was on, or decoding takes."""
+
+
 class FrameTimes(NamedTuple):
     """The frames that a video shows."""
 
@@ -33,6 +37,7 @@ class FrameTimes(NamedTuple):
     rate: Fraction  # frames a second
     constant: bool  # whether that holds for all of them; where not, the index of a frame is its number
     reordered: int  # by how much the presentation of a frame comes after its decoding, at most, in the time base
+    begins_s: float  # what the file's clock, which its sound keeps to, says at time 0: other than 0 in some formats
 
 
 def frame_times(path: Path, container: InputContainer, stream: VideoStream, rate: Fraction) -> FrameTimes:
@@ -53,7 +58,9 @@ def frame_times(path: Path, container: InputContainer, stream: VideoStream, rate
             "damaged, copy it again from the camera"
         )
     numbers: NDArray[np.int64] = np.array(indices if constant else range(count), np.int64)
-    return FrameTimes(listed.times, times_s, numbers, rate, constant, listed.reordered)
+    own_clock = container.format.name in _OWN_CLOCK
+    begins_s = float(listed.origin * listed.base) if own_clock else 0.0
+    return FrameTimes(listed.times, times_s, numbers, rate, constant, listed.reordered, begins_s)
 
 
 class _Listed(NamedTuple):
@@ -93,7 +100,8 @@ def _listed(path: Path, container: InputContainer, stream: VideoStream, rate: Fr
         raise PzcapError(f"{path}: the video holds no frames; copy it again from the camera")
     times, frame = np.array(sorted(found), np.int64), 1 / (base * rate)
     if not container.format.name.startswith("mov"):
-        return _Listed(times, Fraction(0), frame, base, reordered)
+        origin = int(times[0]) if container.format.name in _OWN_CLOCK else 0
+        return _Listed(times, Fraction(origin), frame, base, reordered)
     edit = read_edit(path, stream.id)
     if edit is None:  # without one, what is shown first is shown at once, however late decoding makes it
         return _Listed(times, Fraction(int(times[0])), frame, base, reordered)
@@ -154,7 +162,14 @@ def failed(path: Path, error: Exception, index: int | None = None) -> Exception:
     return damaged(path, index)
 
 
-def damaged(path: Path, index: int | None = None) -> PzcapError:
-    """Error to raise where a video ends too early, or a frame of that ``index`` cannot be decoded."""
+def damaged(path: Path, index: int | None = None, stamped: bool = True) -> PzcapError:
+    """Error to raise where a video ends too early, or a frame of that ``index`` cannot be decoded. ``stamped``: its
+    format keeps when each picture is shown."""
     where = "" if index is None else f" at frame {index}"
-    return PzcapError(f"{path}: the video is truncated or damaged{where}; copy it again from the camera")
+    anew = (
+        ""
+        if stamped
+        else "; if it plays well, its container cannot say when its pictures are shown: write it "
+        f"anew, ffmpeg -i {path.name} -crf 10 OUT.mp4"
+    )
+    return PzcapError(f"{path}: the video is truncated or damaged{where}; copy it again from the camera{anew}")

@@ -35,6 +35,7 @@ _SQUARE: Final = 2e-3  # departure of a pixel's width from its height that encod
 _BT601: Final = (2, 5, 6)  # AVColorSpace: unspecified, and the two that are BT.601
 _FULL_RANGE: Final = 2  # AVColorRange
 _TURN: Final = "DISPLAYMATRIX"  # av.sidedata.sidedata.Type
+_UNSTAMPED: Final = ("avi", "mpeg")  # formats that do not keep for each picture when it is shown
 _RECORDINGS: Final = (
     "mov", "matroska", "avi", "mpegts", "mpeg", "mxf", "mxf_opatom", "gxf", "lxf", "ogg", "flv", "asf", "nut", "dv",
     "ivf", "wtv", "rm", "amv", "gif", "apng", "r3d", "cine", "yuv4mpegpipe", "h264", "hevc", "mpegvideo", "mjpeg",
@@ -48,11 +49,12 @@ class VideoReader:
 
     Attributes: ``width``, ``height`` (upright), ``frame_rate`` (Fraction), ``timecode`` (str, or None if the file has
     none), ``indices`` (frame_count,) int64 increasing, ``times_s`` (frame_count,) when each is shown, ``frame_count``,
-    ``constant_rate``, ``interlaced``, ``on_its_side`` (its rows are shown as columns: a phone held upright). Where
-    the rate is not constant, as phones film, the index of a frame is its number. Stamps that tremble about a constant
-    rate are of a constant rate. Of interlaced video the first field of a frame is read, its time the frame's, and with
-    `read_fields` the second as well, half a frame period later. The rows between are made by FFmpeg's bwdif: from the
-    other fields where nothing moves, else from the rows beside.
+    ``begins_s`` (what the file's own clock, which its sound keeps to, says at time 0), ``constant_rate``,
+    ``interlaced``, ``on_its_side`` (its rows are shown as columns: a phone held upright). Where the rate is not
+    constant, as phones film, the index of a frame is its number. Stamps that tremble about a constant rate are of a
+    constant rate. Of interlaced video the first field of a frame is read, its time the frame's, and with `read_fields`
+    the second as well, half a frame period later. The rows between are made by FFmpeg's bwdif: from the other fields
+    where nothing moves, else from the rows beside.
 
     Raises PzcapError if the file is missing, is no video, is empty or truncated, if its pixels are not square, and for
     sizes beyond `pzcap.io.limits`.
@@ -68,9 +70,10 @@ class VideoReader:
             self._check_format(stream)
             self.interlaced = int(stream.codec_context.field_order) in _PARITY
             self.timecode = _find_timecode(container, stream)
+            self._stamped = container.format.name not in _UNSTAMPED
             shown = frame_times(path, container, stream, Fraction(rate))
         self._times, self._reordered, self.frame_count = shown.times, shown.reordered, len(shown.times)
-        self.times_s, self.indices = shown.times_s, shown.indices
+        self.times_s, self.indices, self.begins_s = shown.times_s, shown.indices, shown.begins_s
         self.frame_rate, self.constant_rate = shown.rate, shown.constant
         self._quarter_turns = self._turned()
         self.on_its_side = self._quarter_turns % 2 == 1
@@ -126,7 +129,7 @@ class VideoReader:
                         return
             except FFmpegError as error:
                 raise failed(self.path, error, int(self.indices[numbers[done]])) from error
-        raise damaged(self.path, int(self.indices[numbers[done]]))
+        raise damaged(self.path, int(self.indices[numbers[done]]), stamped=self._stamped)
 
     def _pictures(
         self, container: av.container.InputContainer, stream: VideoStream

@@ -86,6 +86,26 @@ def test_a_recording_shown_in_pieces_gets_one_line(tmp_path: Path) -> None:
         VideoReader(path)
 
 
+@pytest.mark.parametrize(("ending", "later_s"), [("ts", 72_000), ("avi", 0), ("flv", 0)])
+def test_the_first_picture_is_time_0_where_stamps_count_from_anywhere(
+    ending: str, later_s: int, tmp_path: Path
+) -> None:
+    path = encode(
+        tmp_path / f"motion.{ending}", pictures(20), RATE, options={"x264-params": "bframes=0"},
+        muxer={"output_ts_offset": str(later_s)},
+    )  # fmt: skip
+    reader = VideoReader(path)
+    assert numbers(reader) == [(k, k) for k in range(20)]
+    assert reader.times_s[0] == 0.0
+    assert later_s <= reader.begins_s < later_s + 2.0
+
+
+def test_b_frames_that_a_container_gives_no_times_get_one_line(tmp_path: Path) -> None:
+    path = encode(tmp_path / "motion.avi", pictures(20), RATE, options=B_FRAMES)
+    with pytest.raises(PzcapError, match=r"if it plays well, its container .* ffmpeg -i motion\.avi -crf 10 OUT\.mp4"):
+        list(VideoReader(path))
+
+
 def test_a_sweep_of_a_phone_may_vary_in_rate(tmp_path: Path) -> None:
     gaps = np.random.default_rng(2).uniform(1 / 8, 1 / 3, 29)
     times = [0.0, *np.cumsum(gaps).tolist()]
