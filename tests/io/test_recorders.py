@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 import pytest
 from av.video.reformatter import ColorRange, Colorspace
@@ -60,6 +61,44 @@ def test_every_picture_before_an_intra_frame_is_found_by_itself(tmp_path: Path) 
     reader = VideoReader(encode(tmp_path / "motion.mp4", pictures(30), RATE, options=options))
     for k in range(30):
         assert [(index, number(image)) for index, image in reader.read(k, k + 1)] == [(k, k)]
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mkv", "ts", "flv"])
+@pytest.mark.parametrize("codec", ["open-gop=0", "open-gop=1:b-pyramid=normal"])
+def test_every_picture_is_found_by_itself_in_any_container(codec: str, ending: str, tmp_path: Path) -> None:
+    """Pictures before an intra frame may need some of the group before, and a stream has no index of intra frames."""
+    options = {"x264-params": f"bframes=3:b-adapt=0:keyint=12:scenecut=0:{codec}"}
+    reader = VideoReader(encode(tmp_path / f"motion.{ending}", pictures(30), RATE, options=options))
+    assert numbers(reader) == [(k, k) for k in range(30)]
+    for k in range(30):
+        assert [(index, number(image)) for index, image in reader.read(k, k + 1)] == [(k, k)]
+
+
+@pytest.mark.parametrize("codec", ["open-gop=0", "open-gop=1"])
+def test_a_stream_cut_out_of_another_begins_at_its_first_intra_frame(codec: str, tmp_path: Path) -> None:
+    options = {"x264-params": f"bframes=3:b-adapt=0:keyint=12:scenecut=0:{codec}"}
+    path = encode(tmp_path / "motion.ts", pictures(30), RATE, options=options)
+    data = path.read_bytes()
+    path.write_bytes(data[188 * (len(data) // 188 // 4) :])
+    reader = VideoReader(path)
+    read = numbers(reader)
+    assert [index for index, _ in read] == list(range(reader.frame_count))
+    assert [image for _, image in read] == list(range(30 - reader.frame_count, 30))
+    assert 6 <= reader.frame_count <= 18
+
+
+def test_a_program_stream_is_read_in_order(tmp_path: Path) -> None:
+    path = tmp_path / "motion.mpg"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg2video", rate=RATE, options={"qmin": "1", "qmax": "2", "bf": "2", "g": "12"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for image in pictures(30):
+            yuv = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YUV_I420), np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(yuv, format="yuv420p")))
+        container.mux(stream.encode())
+    reader = VideoReader(path)
+    assert numbers(reader) == [(k, k) for k in range(30)]
+    assert [number(image) for _, image in reader.read(17, 20)] == [17, 18, 19]
 
 
 @pytest.mark.parametrize("group", [1, 5, 10])
