@@ -15,7 +15,7 @@ from av.error import FFmpegError
 
 from pzcap.io import results
 from pzcap.io.capture import FOOTAGE, read_image, size_problem
-from pzcap.io.clocks import RATE_TOLERANCE
+from pzcap.io.clocks import DRIFT, RATE_TOLERANCE
 from pzcap.io.files import checked
 from pzcap.io.frame_times import usual_rate
 from pzcap.io.video import VideoReader
@@ -204,8 +204,9 @@ def keypoints_beside(motion: Path) -> Path:
     return motion.with_name(f"{motion.stem}_keypoints.json")
 
 
-def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
-    """Faults of the files that stand against a reconstruction, each with its cure."""
+def troubles(cameras: Mapping[str, Sequence[File]], synchronised: bool) -> Iterator[str]:
+    """Faults of the files that stand against a reconstruction, each with its cure. ``synchronised``: by sync.json,
+    which knows by how much a clock drifts."""
     for name, files in cameras.items():
         roles = {file.role: file for file in files}
         for file in files:
@@ -225,7 +226,7 @@ def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
         if "motion" not in roles:
             yield f"camera {name}: no motion; the body is tracked in the other views"
     rates = sorted({*motion_rates(cameras)})
-    if not multiples(rates):
+    if not multiples(rates, DRIFT if synchronised else RATE_TOLERANCE):
         yield (
             f"the motion videos have {', '.join(map(str, rates))} frames/s; one rate is needed, or multiples of one: "
             "film again at one, or leave the motion of a camera out of capture.json; what differs by 2 % at most, "
@@ -240,6 +241,6 @@ def motion_rates(cameras: Mapping[str, Sequence[File]]) -> list[Fraction]:
     return constant or [file.rate for file in motions if file.rate]
 
 
-def multiples(rates: Sequence[Fraction]) -> bool:
-    """True where all rates are whole multiples of the least."""
-    return all(abs(float(rate / min(rates)) / round(rate / min(rates)) - 1.0) < RATE_TOLERANCE for rate in rates)
+def multiples(rates: Sequence[Fraction], tolerance: float = RATE_TOLERANCE) -> bool:
+    """True where all rates are whole multiples of the least, but for a ``tolerance``."""
+    return all(abs(float(rate / min(rates)) / round(rate / min(rates)) - 1.0) < tolerance for rate in rates)

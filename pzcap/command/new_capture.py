@@ -50,15 +50,20 @@ def write_capture(
     }
     write_json(manifest, content)
     print(f"{manifest}: written; the sweeps {'go' if full_turn else 'do not go'} all the way round")
-    found = list(troubles(cameras))
     unreadable = any(file.trouble for files in cameras.values() for file in files)
-    try:
-        if not unreadable and texts["sync"] is None and any(each.timecode is None for each in _motions(cameras)):
+    unsynchronised: list[str] = []
+    if not unreadable and texts["sync"] is None and any(each.timecode is None for each in _motions(cameras)):
+        try:
             _synchronise(folder)
-        if not found:
+            texts["sync"] = SYNC
+        except PzcapError as error:
+            unsynchronised.append(str(error))
+    found = [*troubles(cameras, texts["sync"] is not None), *unsynchronised]
+    if not found:
+        try:
             read_capture(folder)
-    except PzcapError as error:
-        found.append(str(error))
+        except PzcapError as error:
+            found.append(str(error))
     for trouble in found:
         print(f"  to mend: {trouble}")
     return int(bool(found))

@@ -261,6 +261,20 @@ def test_a_sync_json_older_than_the_videos_is_named(tmp_path: Path, capsys: pyte
     assert f"of another take, run pzcap sync {tmp_path}" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("rate", "mends"), [(Fraction(30000, 1001), 0), (Fraction(25), 1)])
+def test_rates_that_a_sync_json_brings_together_are_no_trouble(
+    rate: Fraction, mends: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crew(tmp_path)
+    video(tmp_path / "GoPro 1/DCIM/100GOPRO/GX010036.MP4", timecode="10:20:30:00", rate=rate)
+    assert main(["new", str(tmp_path)]) == 1
+    assert "pzcap sync FOLDER brings together" in capsys.readouterr().out
+    clocks = [{"name": name, "offset_s": 0.0, "rate": 1.0, "sigma_s": 0.001} for name in ("GoPro 1", "GoPro 2")]
+    content = {"format": SYNC_FORMAT, "version": SYNC_VERSION, "cameras": clocks}
+    (tmp_path / "sync.json").write_text(json.dumps(content))
+    assert main(["new", str(tmp_path), "--replace"]) == mends
+
+
 @pytest.mark.parametrize(
     ("folders", "names"),
     [
