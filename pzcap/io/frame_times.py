@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -28,6 +29,7 @@ _OWN_CLOCK: Final = ("mpegts", "mpeg", "avi", "flv")
 """Formats, as FFmpeg names them, whose first stamp says nothing but how long the recorder was on, or decoding takes."""
 
 
+_CUT_S: Final = 0.5  # by how much earlier than it says a recording may end
 _UNSTAMPED: Final = 0.1  # pictures without a time, which are not read, as a share of the others
 _STREAMS: Final = ("mpegts", "mpeg")
 """Formats without an index, in which FFmpeg finds places by their time, though decoding may not begin there."""
@@ -100,7 +102,8 @@ def _listed(path: Path, container: InputContainer, stream: VideoStream, rate: Fr
                 raise PzcapError(f"{path}: more than {limits.FRAMES} frames; cut it into takes")
     except FFmpegError as error:
         raise failed(path, error) from error
-    if len(found) < stream.frames:
+    said_s = _said_to_end(stream)
+    if len(found) < stream.frames or (found and said_s > float(max(found) * base + 1 / rate) + _CUT_S):
         raise damaged(path)
     if not found and unstamped:
         raise PzcapError(
@@ -127,6 +130,12 @@ def _listed(path: Path, container: InputContainer, stream: VideoStream, rate: Fr
     if not shown.any():
         raise PzcapError(f"{path}: its edit list shows none of its frames; export it again")
     return _Listed(times[shown], begin - edit.delay_s / base, frame, base, reordered, begins)
+
+
+def _said_to_end(stream: VideoStream) -> float:
+    """When the last picture ends by a Matroska's own tag, in seconds; 0: there is none."""
+    told = re.fullmatch(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)", stream.metadata.get("DURATION", ""))
+    return 3600.0 * int(told[1]) + 60.0 * int(told[2]) + float(told[3]) if told else 0.0
 
 
 class _Trembling(NamedTuple):

@@ -87,6 +87,16 @@ def test_a_stream_cut_out_of_another_begins_at_its_first_intra_frame(codec: str,
     assert 6 <= reader.frame_count <= 18
 
 
+@pytest.mark.parametrize("rate", [RATE, Fraction(5)])
+def test_a_matroska_that_ends_before_it_says_so_is_cut(rate: Fraction, tmp_path: Path) -> None:
+    path = encode(tmp_path / "motion.mkv", pictures(40), rate, options={"x264-params": "keyint=5"})
+    assert VideoReader(path).frame_count == 40
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.raises(PzcapError, match=r"motion\.mkv: the video is truncated or damaged; copy it again"):
+        VideoReader(path)
+
+
 def test_a_program_stream_is_read_in_order(tmp_path: Path) -> None:
     path = tmp_path / "motion.mpg"
     with av.open(str(path), "w") as container:
