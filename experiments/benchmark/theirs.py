@@ -32,7 +32,7 @@ CONVENTIONS: Final = ("joints", "axes", "unit", "first_frame", "rate")
 
 
 def conventions(values: Mapping[str, str]) -> Conventions:
-    """What is said of other programs' files; an empty text says nothing. Raises PzcapError for what cannot be."""
+    """Conventions of other programs' files by these keys; an empty text says nothing. Raises PzcapError for others."""
     if values["unit"] and values["unit"] not in METRES:
         raise PzcapError(f"unit={values['unit']}; give m, cm or mm")
     try:

@@ -37,8 +37,8 @@ _FULL_RANGE: Final = 2  # AVColorRange
 _TURN: Final = "DISPLAYMATRIX"  # av.sidedata.sidedata.Type
 _UNSTAMPED: Final = ("avi", "mpeg")  # formats that do not keep for each picture when it is shown
 _SEARCHES: Final = (0.0, 5.0, None)
-"""How far before a frame to begin, in seconds; None: at the beginning, where an intra frame tells too little, as those
-of open groups of pictures may, or where stamps are made up from there on, as in MPEG program streams."""
+"""Seconds before a frame at which decoding begins; None: at the beginning, where an intra frame tells too little, as
+those of open groups of pictures may, or where stamps are made up from there on, as in MPEG program streams."""
 _RECORDINGS: Final = (
     "mov", "matroska", "avi", "mpegts", "mpeg", "mxf", "mxf_opatom", "gxf", "lxf", "ogg", "flv", "asf", "nut", "dv",
     "ivf", "wtv", "rm", "amv", "gif", "apng", "r3d", "cine", "yuv4mpegpipe", "h264", "hevc", "mpegvideo", "mjpeg",
@@ -151,7 +151,7 @@ class VideoReader:
         raise damaged(self.path, int(self.indices[numbers[done]]), stamped=self._stamped)
 
     def _place(self, time: int) -> int:
-        """Where to look for the intra frame before a ``time``, in the stream's time base."""
+        """Place to seek for the intra frame before a ``time``, in the stream's time base."""
         before = self._keys[self._keys[:, 0] <= time]
         # lands on the last intra frame that is decoded by then: with B frames, one shown later may be
         return int(before[-1, 1]) if len(before) else time - self._reordered
