@@ -19,6 +19,7 @@ import numpy as np
 
 from pzcap.io.files import written_whole
 from pzcap.scoring import truth_files
+from pzcap.scoring.files import HEADER
 from pzcap.scoring.metric import Metric
 from pzcap.scoring.readers.conventions import METRES, Conventions, joint_names
 from pzcap.scoring.readers.read import read
@@ -77,7 +78,10 @@ def _run(options: argparse.Namespace) -> int:
     if options.truth is None:
         if not options.check:
             raise PzcapError("a score needs the truth; give RESULTS TRUTH, or --check RESULTS")
-        return _say(f"{options.results}", suspicions(read(options.results, None, said), None))
+        folders = sorted(path.parent for path in options.results.glob(f"*/{HEADER}"))  # of a split, one a capture
+        alone = not folders or (options.results / HEADER).exists()
+        places = [options.results] if alone else folders
+        return max(_say(f"{place}", suspicions(read(place, None, said), None)) for place in places)
     pairs = captures(options.results, options.truth)
     found: dict[str, list[Metric]] = {}
     status = 0
@@ -106,12 +110,20 @@ def _run(options: argparse.Namespace) -> int:
 def captures(results: Path, truth: Path) -> dict[str, tuple[Path | None, Path]]:
     """Name of each capture that ``truth`` has -> its results, None where there are none, and its truth."""
     if (truth / truth_files.HEADER).exists():
-        return {truth.resolve().name: (results, truth)}
+        name = truth.resolve().name
+        inner = None if (results / HEADER).exists() else _results_in(results, name)
+        if inner is not None and (inner.is_file() or (inner / HEADER).exists()):  # results of a split
+            results = inner
+        return {name: (results, truth)}
     folders = sorted(path.parent for path in truth.glob(f"*/{truth_files.HEADER}"))
     if not folders:
-        raise PzcapError(f"{truth}: holds no {truth_files.HEADER}, nor do its folders; give the truth's folder")
+        hint = f"give {truth / 'truth'}" if (truth / "truth").is_dir() else "give the truth's folder"
+        raise PzcapError(f"{truth}: holds no {truth_files.HEADER}, nor do its folders; {hint}")
     pairs = {folder.name: (_results_in(results, folder.name), folder) for folder in folders}
     if not any(found for found, _ in pairs.values()):
+        alike = next((name for name in (results.name, results.stem) if name in pairs), None)
+        if alike is not None:
+            raise PzcapError(f"{results}: is of one capture, and the truth of {len(pairs)}; give {truth / alike}")
         raise PzcapError(f"{results}: has no folder named as a capture ({', '.join(list(pairs)[:3])}, ...)")
     return pairs
 

@@ -14,6 +14,7 @@ from pzcap.scoring.readers.soccernet import is_soccernet, read_soccernet
 from pzcap.scoring.readers.times import Asked
 from pzcap.scoring.readers.trc import read_trc
 from pzcap.scoring.records import Results, TrueCapture
+from pzcap.scoring.tables import GUIDE
 from pzcap.types import PzcapError
 
 BODIES: Final = {".trc": read_trc, ".c3d": read_c3d, ".bvh": read_bvh}
@@ -30,6 +31,9 @@ def read(path: Path, truth: TrueCapture | None, said: Conventions) -> Results:
     reader = BODIES.get(path.suffix.lower())
     colmap = (path / "images.txt").exists()
     if reader is None and not colmap and not is_soccernet(path):
+        for table in (files.CAMERAS, files.BODY):
+            if path.name == table or (path / table).exists():
+                raise _alone(path, table)
         missing = "" if path.exists() else "there is nothing; "
         raise PzcapError(f"{path}: {missing}give a folder with {KINDS}")
     if truth is None:
@@ -38,3 +42,10 @@ def read(path: Path, truth: TrueCapture | None, said: Conventions) -> Results:
     body = None if reader is None else reader(path, Asked(frames, truth.frame_rate), said)
     tracks = (None,) * len(names) if reader else (read_colmap if colmap else read_soccernet)(path, names, frames)
     return Results(path.stem, truth.name, frames, None, None, names, tracks, body)
+
+
+def _alone(path: Path, table: str) -> PzcapError:
+    """The error about a table of ours without its header."""
+    folder = path.parent if path.name == table else path
+    remedy = f"give the folder, {folder}" if (folder / files.HEADER).exists() else f"write {files.HEADER} beside it"
+    return PzcapError(f"{path}: {table} alone says not of how many frames and cameras; {remedy} ({GUIDE})")
