@@ -24,8 +24,8 @@ benchmark: $(LAB)  ## shoot the mini split, let all methods of this tree answer,
 	$(RUN)/python -m experiments.benchmark score split=mini
 	$(RUN)/python -m experiments.benchmark board split=mini
 
-test: $(DEV)  ## everything that has to hold
-	$(MAKE) --no-print-directory --jobs 2 check kernels $(LAUNCHERS)
+test: $(LAB)  ## everything that has to hold
+	$(MAKE) --no-print-directory --jobs 2 kernels check $(LAUNCHERS)
 	$(RUN)/python -m pytest -n 2 --dist loadgroup $(LAUNCHERS:%=--ignore=%)
 
 fuzz: $(DEV)  ## 10,000 damaged files: each a result or one line; 20 minutes on a free machine
@@ -55,8 +55,8 @@ check: $(DEV)  ## style, types, and the arrows between the rooms
 	$(RUN)/mypy
 	$(RUN)/lint-imports
 
-kernels: $(DEV)  # compiled once, while the other core checks: two processes of tests would each compile all of them
-	$(RUN)/python -m pytest tests/test_pipeline.py::test_the_body_has_its_say_about_the_cameras
+kernels: $(LAB)  # compiled once, while the other core installs and checks
+	$(RUN)/python -m tests.compile_kernels
 
 $(LAUNCHERS): $(DEV)  # each as soon as a core is free
 	$(RUN)/python -m pytest $@

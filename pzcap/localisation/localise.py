@@ -56,17 +56,28 @@ class Localiser:
         expected = prior if prior is not None and prior.valid else None
         if expected is not None and (found := self._align_near(image, expected, hidden)) is not None:
             return found
-        correlated: list[Alignment] = []
-        for place in self._correlator.places(image):
-            aligned = self._align(image, ViewPlace(place.pan_rad, place.tilt_rad, place.focal_px), 4.0)
-            if self._is_reliable(aligned):
-                return self._localisation(aligned)
-            correlated.append(aligned)
+        if (correlated := self._align_correlated(image)) is not None:
+            return correlated
         for near in (None,) if expected is None else (expected, None):
             for candidate in self._features.candidates(image, near):
-                if (verified := self._verified(image, candidate, correlated)) is not None:
+                if (verified := self._verified(image, candidate)) is not None:
                     return verified
         return lost(self._camera, prior)
+
+    def _align_correlated(self, image: Image) -> Localisation | None:
+        """The frame, aligned from where it correlates best with the panorama; None where it is reliably at none of
+        these places."""
+        likely: list[tuple[ViewPlace, Alignment]] = []
+        for place in self._correlator.places(image):
+            start = ViewPlace(place.pan_rad, place.tilt_rad, place.focal_px)
+            if self._is_reliable(near := self._align(image, start, 4.0)):
+                return self._localisation(near)
+            if near.agreement > self._config.same_agreement:
+                likely.append((start, near))
+        for start, near in likely:  # a long zoom shows what the panorama does not, and mains light lies across both
+            if self._coincide(near, self._align(image, start, 15.0)):
+                return self._localisation(near)
+        return None
 
     def _align_near(
         self, image: Image, prior: Localisation, hidden: Callable[[Localisation], Mask | None] | None
@@ -122,14 +133,12 @@ class Localiser:
         same = max(moved_px, edges_px) < ALIGNMENT.same_px
         return bool(converged and same and far.agreement > self._config.same_agreement)
 
-    def _verified(self, image: Image, found: Candidate, correlated: list[Alignment]) -> Localisation | None:
-        """The place that features ``found``, aligned; None where the grey values do not agree with it. They may agree
-        less well where correlation has led to the same place."""
+    def _verified(self, image: Image, found: Candidate) -> Localisation | None:
+        """The place that features ``found``, aligned; None where the grey values do not agree with it."""
         off_px = 1.5 if found.determined else 4.0
         aligned = self._align(image, ViewPlace(found.pan_rad, found.tilt_rad, found.focal_px), off_px)
         if not found.determined:  # few matches, as at a zoom far from the sweep's: grey values have to do alone
-            sure = self._is_reliable(aligned) or any(self._coincide(aligned, one) for one in correlated)
-            return self._localisation(aligned) if sure else None
+            return self._localisation(aligned) if self._is_reliable(aligned) else None
         moved_px = abs(aligned.at.pan_rad - found.pan_rad) * self._panorama.px_per_rad
         if aligned.agreement <= FEATURES.least_agreement or moved_px >= ALIGNMENT.features_moved_px:
             return None

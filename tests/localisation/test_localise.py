@@ -16,7 +16,7 @@ from pzcap.extras.paper import method as paper
 from pzcap.geometry.camera import direction_to_pixel, view_at, wrapped
 from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
-from pzcap.localisation.feature_search import Candidate, panorama_features, solve_eq11
+from pzcap.localisation.feature_search import FeatureSearch, panorama_features, solve_eq11
 from pzcap.localisation.localise import Localiser
 from pzcap.localisation.panorama_sampler import ViewPlace, warp_background
 from pzcap.localisation.photometric_alignment import Aligner
@@ -163,19 +163,20 @@ def test_someone_in_the_way_does_not_keep_frames_from_being_found(
     assert sum(located) >= least
 
 
-def test_a_first_frame_that_agrees_less_is_found_where_both_searches_lead(
+def test_a_first_frame_that_agrees_less_is_found_where_fits_from_near_and_far_meet(
     exact: CalibratedCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As under mains light. Grey values alone are not enough for either search."""
-    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig(sure_agreement=0.999))
-    image = synthetic.render(OPTICS, 0.5, 2.0 * FOCAL, noise_seed=3)
-    nothing = np.empty((0, 2))
-    for pan_rad, there in ((0.5 + 1e-3, True), (1.5, False)):
-        candidate = Candidate(pan_rad, exact.camera.tilt_rad, 2.0 * FOCAL, False, nothing, nothing)
-        monkeypatch.setattr(localiser._features, "candidates", lambda *_, one=candidate: [one])
+    """As under mains light, or at a zoom that shows what the panorama is too coarse for."""
+    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
+    noise = np.random.default_rng(8).normal(0.0, 24.0, (OPTICS.height, OPTICS.width, 3))
+    monkeypatch.setattr(FeatureSearch, "candidates", lambda *_: [])
+    for pan_rad in (-2.0, 0.5, 1.5):
+        image = np.clip(synthetic.render(OPTICS, pan_rad, 1.5 * FOCAL) + noise, 0, 255).astype(np.uint8)
+        strict = Localiser(exact.panorama, exact.camera, PanZoomConfig(same_agreement=1.0))
+        assert not strict.localise(image, None).valid  # it does not agree well enough to be sure at once
         found = localiser.localise(image, None)
-        assert found.valid == there
-        assert not there or abs(np.rad2deg(found.pan_rad - 0.5)) < 0.02
+        assert found.valid
+        assert abs(np.rad2deg(wrapped(found.pan_rad - pan_rad))) < 0.02
 
 
 def test_matches_that_the_pixels_do_not_bear_out_do_not_count(exact: CalibratedCamera) -> None:
