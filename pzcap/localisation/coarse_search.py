@@ -15,7 +15,7 @@ from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View, wrapped
 from pzcap.imaging.colour import grey
 from pzcap.localisation.tuning import SEARCH
-from pzcap.types import Array, Image, Panorama, PanZoomCamera
+from pzcap.types import Array, Float32, Image, Panorama, PanZoomCamera
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,8 @@ class Correlator:
         if panorama.full_turn:  # goes on beyond its end, so that no frame lies across a seam
             image = np.hstack([image, image[:, : image.shape[1] // 4]])
         widest = camera.lens.width * panorama.px_per_rad / focals_px[0]
-        self._levels = [_shrunk(image, 2**halvings) for halvings in range(_halvings(widest) + 1)]
+        halved = range(_halvings(widest) + 1)
+        self._levels = [_shrunk(image, 2**halvings).astype(np.float32) for halvings in halved]
 
     def places(self, image: Image) -> list[Place]:
         """The places that correlate most with ``image`` (H, W[, 3]), the best first; none where no place does."""
@@ -72,7 +73,7 @@ class Correlator:
         slopes = (panorama.origin_px[1] - ((rows + 0.5) * cell - 0.5)) / panorama.px_per_rad
         azimuths = -columns * cell / panorama.px_per_rad
         pixels, _ = geometry.direction_to_pixel(view, *np.meshgrid(azimuths, slopes))
-        small = _shrunk(frame, max(finer * cell, 1.0))
+        small = _shrunk(frame, max(finer * cell, 1.0)).astype(np.float32)
         scale = np.array(small.shape[::-1]) / np.array(frame.shape[::-1])
         pixels = ((pixels + 0.5) * scale - 0.5).astype(np.float32)
         seen = cv2.remap(small, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -80,7 +81,7 @@ class Correlator:
             return None
         above = 0 if self._free_tilt else int(rows[0])
         within = level if self._free_tilt else level[above : above + len(rows)]
-        correlation = cv2.matchTemplate(within, seen, cv2.TM_CCOEFF_NORMED)
+        correlation = _correlation(within, np.asarray(seen, np.float32))
         _, best, _, (column, row) = cv2.minMaxLoc(correlation)
         if best < SEARCH.least_correlation:
             return None
@@ -94,6 +95,21 @@ class Correlator:
         points = np.array([[[0, 0], [x / 2, 0], [x, 0]], [[0, y], [x / 2, y], [x, y]]])
         azimuth, slope = geometry.pixel_to_direction(view, points)
         return np.array([slope[0].min(), slope[1].max(), azimuth[:, 0].min(), azimuth[:, 2].max()])
+
+
+def _correlation(within: Float32, seen: Float32) -> Float32:
+    """Correlation of ``seen`` (h, w) with each part of ``within`` (H, W), both less the mean of each of their rows: the
+    bands of mains light are no likeness, nor are floor and wall, which all parts show: (H - h + 1, W - w + 1)."""
+    height, width = seen.shape
+    own = seen - seen.mean(axis=1, keepdims=True)
+
+    def sums(image: Float32 | Array, size: tuple[int, int]) -> Array:
+        return np.asarray(cv2.boxFilter(image, cv2.CV_64F, size, anchor=(0, 0), normalize=False), np.float64)
+
+    squares = sums(within * within, (width, height)) - sums(sums(within, (width, 1)) ** 2, (1, height)) / width
+    rows, columns = within.shape[0] - height + 1, within.shape[1] - width + 1
+    variance = np.maximum(squares[:rows, :columns], SEARCH.least_contrast**2 * own.size) * np.sum(own**2)
+    return np.asarray(cv2.matchTemplate(within, own, cv2.TM_CCORR) / np.sqrt(variance), np.float32)
 
 
 def _halvings(width: float) -> int:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pzcap.geometry.camera import wrapped
-from pzcap.localisation.coarse_search import Correlator
+from pzcap.localisation.coarse_search import Correlator, _correlation
 from pzcap.localisation.tuning import SEARCH
 from pzcap.types import Array
 from tests.scenes import synthetic
@@ -35,6 +35,34 @@ def test_the_likeliest_place_is_the_right_one(pan: float, log_zoom: float) -> No
     assert off_px(found[0].pan_rad, pan, focal) < OPTICS.width / 40
     assert abs(np.log(found[0].focal_px / focal)) < 1.5 * SEARCH.zoom_step
     assert found[0].tilt_rad == pytest.approx(OPTICS.tilt_rad)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(-np.pi, np.pi), st.floats(np.log(0.7), np.log(3.0)), st.floats(0.0, 2.0 * np.pi))
+def test_bands_of_mains_light_are_no_likeness(pan: float, log_zoom: float, phase: float) -> None:
+    """Those of lamps at 100 Hz in a frame that is read in 16 ms."""
+    focal = FOCAL * float(np.exp(log_zoom))
+    image = synthetic.render(OPTICS, pan, focal, noise_seed=3)
+    row = np.arange(OPTICS.height)[:, None, None] / OPTICS.height
+    banded = np.clip(image * (1.0 + 0.5 * np.sin(2.0 * np.pi * 1.6 * row + phase)), 0, 255).astype(np.uint8)
+    found = CORRELATOR.places(banded)
+    assert off_px(found[0].pan_rad, pan, focal) < OPTICS.width / 40
+
+
+def test_the_correlation_is_that_of_each_part_by_itself() -> None:
+    rng = np.random.default_rng(4)
+    within = rng.uniform(0.0, 255.0, (13, 29)).astype(np.float32)
+    seen = (within[3:10, 8:19] + rng.normal(0.0, 20.0, (7, 11))).astype(np.float32)
+    found = _correlation(within, seen)
+    assert found.shape == (7, 19)
+    own = seen - seen.mean(axis=1, keepdims=True)
+    for top, left in np.ndindex(found.shape):
+        part = within[top : top + 7, left : left + 11].astype(np.float64)
+        part -= part.mean(axis=1, keepdims=True)
+        expected = np.sum(part * own) / np.sqrt(np.sum(part**2) * np.sum(own**2))
+        assert found[top, left] == pytest.approx(expected, abs=1e-4)
+    lifted = within + rng.uniform(-50.0, 50.0, (13, 1)).astype(np.float32)
+    np.testing.assert_allclose(_correlation(lifted, seen), found, atol=1e-4)
 
 
 @pytest.mark.parametrize("pan", [1.0, 2.6])  # the latter within a quarter of a turn of the seam, on both its sides
