@@ -14,14 +14,25 @@ import av
 from av.error import FFmpegError
 
 from pzcap.io import results
-from pzcap.io.capture import FOOTAGE, read_image
-from pzcap.io.clocks import RATE_TOLERANCE
+from pzcap.io.capture import FOOTAGE, read_image, size_problem
+from pzcap.io.clocks import DRIFT, RATE_TOLERANCE
 from pzcap.io.files import checked
+from pzcap.io.frame_times import usual_rate
 from pzcap.io.video import VideoReader
 from pzcap.types import PzcapError
 
-STILLS: Final = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
-VIDEOS: Final = {".mp4", ".mov", ".mkv", ".mxf", ".avi", ".m4v", ".mts", ".m2ts"}
+READ_STILLS: Final = {".png", ".jpg", ".jpeg"}
+STILLS: Final = READ_STILLS | {
+    ".tif", ".tiff", ".bmp", ".webp", ".heic", ".heif", ".hif", ".avif",
+    ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf",
+}  # fmt: skip
+"""Kinds of pictures, those too that are refused: one that is passed over in silence is missed, or missed by nobody."""
+VIDEOS: Final = {
+    ".mp4", ".mov", ".qt", ".m4v", ".3gp", ".3g2", ".mkv", ".webm", ".mxf", ".gxf", ".avi", ".dv", ".mts", ".m2ts",
+    ".m2t", ".ts", ".tod", ".mpg", ".mpeg", ".mod", ".vob", ".wmv", ".asf", ".flv", ".ogv", ".nut", ".braw", ".r3d",
+    ".crm",
+}  # fmt: skip
+"""Kinds of videos, those too that FFmpeg may not decode: else the next one would be taken for what they are."""
 WORDS: Final[dict[str, frozenset[str]]] = {
     "reference": frozenset(
         {"ref", "reference", "object", "cube", "calib", "calibration", "marker", "markers", "still"}
@@ -33,6 +44,7 @@ WORDS: Final[dict[str, frozenset[str]]] = {
 """Words in the name of a file that say what it is for."""
 ORDER: Final[dict[int, tuple[str, ...]]] = {1: ("motion",), 2: ("sweep", "motion"), 3: ("sweep", "zoom", "motion")}
 """Of so many videos without such words, in the order of their names: as they are shot."""
+_PIECES: Final = "join pieces of one recording first (docs/capture.md)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +61,7 @@ class File:
     frames: int = 1
     interlaced: bool = False
     rotation_deg: int = 0
+    varies: bool = False  # its rate, which is then what the camera was set to
     trouble: str | None = None
 
 
@@ -114,6 +127,8 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 def _roles(camera: str, paths: Sequence[Path], patterns: Mapping[str, str]) -> dict[str, tuple[Path, str, str]]:
     """Role -> (file, role, how it is known)."""
     found: dict[str, tuple[Path, str, str]] = {}
+    if any(path.suffix.lower() in READ_STILLS for path in paths):  # beside raw pictures, as cameras write them
+        paths = [path for path in paths if path.suffix.lower() in READ_STILLS | VIDEOS]
     left = list(paths)
     for role in FOOTAGE:
         named = [path for path in paths if role in patterns and fnmatch(path.name, patterns[role])]
@@ -123,12 +138,15 @@ def _roles(camera: str, paths: Sequence[Path], patterns: Mapping[str, str]) -> d
             how = "its name"
         if len(named) > 1:
             listed = ", ".join(path.name for path in named)
-            raise PzcapError(f"camera {camera}: {listed} could each be its {role}; say which by --{role} NAME")
+            pieces = "" if named[0].suffix.lower() in STILLS else f"; {_PIECES}"
+            raise PzcapError(f"camera {camera}: {listed} could each be its {role}; say which by --{role} NAME{pieces}")
         if named:
             found[role] = (named[0], role, how)
-            left = [path for path in left if path != named[0]]
+            left = [path for path in left if path != named[0] and (role not in patterns or _role_of(path.stem) != role)]
     stills = [path for path in left if path.suffix.lower() in STILLS]
     videos = [path for path in left if path.suffix.lower() in VIDEOS]
+    if {"sweep", "zoom", "motion"} <= set(patterns) & set(found):  # each by its name: others are of no use
+        videos = []
     if stills and "reference" not in found:
         if len(stills) > 1:
             listed = ", ".join(path.name for path in stills)
@@ -149,7 +167,11 @@ def _order(camera: str, videos: Sequence[Path], found: Mapping[str, object]) -> 
     if not set(found) - {"reference"} and len(videos) in ORDER:
         return ORDER[len(videos)]
     listed = ", ".join(path.name for path in videos)
-    raise PzcapError(f"camera {camera}: nothing tells what {listed} are for; say so by --sweep, --zoom, --motion NAME")
+    are = "is" if len(videos) == 1 else "are"
+    raise PzcapError(
+        f"camera {camera}: nothing tells what {listed} {are} for; say so by --sweep, --zoom, --motion NAME, or put "
+        f"aside what is for nothing; {_PIECES}"
+    )
 
 
 def _described(path: Path, role: str, known_by: str) -> File:
@@ -162,10 +184,9 @@ def _described(path: Path, role: str, known_by: str) -> File:
         interlaced, rotation = _first_frame(path)
     except PzcapError as error:
         return File(path, role, known_by, trouble=str(error))
-    size = reader.width, reader.height
-    return File(
-        path, role, known_by, *size, reader.frame_rate, reader.timecode, reader.frame_count, interlaced, rotation
-    )
+    size, varies = (reader.width, reader.height), not reader.constant_rate
+    rate = usual_rate(reader.times_s) if varies else reader.frame_rate
+    return File(path, role, known_by, *size, rate, reader.timecode, reader.frame_count, interlaced, rotation, varies)
 
 
 def _first_frame(path: Path) -> tuple[bool, int]:
@@ -183,17 +204,18 @@ def keypoints_beside(motion: Path) -> Path:
     return motion.with_name(f"{motion.stem}_keypoints.json")
 
 
-def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
-    """Faults of the files that stand against a reconstruction, each with its cure."""
+def troubles(cameras: Mapping[str, Sequence[File]], synchronised: bool) -> Iterator[str]:
+    """Faults of the files that stand against a reconstruction, each with its cure. ``synchronised``: by sync.json,
+    which knows by how much a clock drifts."""
     for name, files in cameras.items():
         roles = {file.role: file for file in files}
         for file in files:
             if file.trouble:
                 yield file.trouble
-        sizes = {(file.width, file.height) for file in files if not file.trouble}
-        if len(sizes) > 1:
-            listed = ", ".join(f"{file.path.name} {file.width}x{file.height}" for file in files if not file.trouble)
-            yield f"camera {name}: one size is needed for all its files, not {listed}"
+        sizes = {file.path: (file.width, file.height) for file in files if not file.trouble}
+        still = roles["reference"].path if "reference" in roles else None
+        if problem := size_problem(sizes, still):
+            yield f"camera {name}: one size is needed for all its files, not {problem}"
         if "reference" not in roles:
             yield (
                 f"camera {name}: no still of the calibration object; take one out of a video "
@@ -203,11 +225,22 @@ def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
             yield f"camera {name}: no sweep; its frames cannot be located"
         if "motion" not in roles:
             yield f"camera {name}: no motion; the body is tracked in the other views"
-    rates = sorted({file.rate for files in cameras.values() for file in files if file.role == "motion" and file.rate})
-    if not multiples(rates):
-        yield f"the motion videos have {', '.join(map(str, rates))} frames/s; one rate is needed, or multiples of one"
+    rates = sorted({*motion_rates(cameras)})
+    if not multiples(rates, DRIFT if synchronised else RATE_TOLERANCE):
+        yield (
+            f"the motion videos have {', '.join(map(str, rates))} frames/s; one rate is needed, or multiples of one: "
+            "film again at one, or leave the motion of a camera out of capture.json; what differs by 2 % at most, "
+            "pzcap sync FOLDER brings together"
+        )
 
 
-def multiples(rates: Sequence[Fraction]) -> bool:
-    """True where all rates are whole multiples of the least."""
-    return all(abs(float(rate / min(rates)) / round(rate / min(rates)) - 1.0) < RATE_TOLERANCE for rate in rates)
+def motion_rates(cameras: Mapping[str, Sequence[File]]) -> list[Fraction]:
+    """The rates of the motion videos that can be read; those that vary count where there are no others."""
+    motions = [file for files in cameras.values() for file in files if file.role == "motion"]
+    constant = [file.rate for file in motions if file.rate and not file.varies]
+    return constant or [file.rate for file in motions if file.rate]
+
+
+def multiples(rates: Sequence[Fraction], tolerance: float = RATE_TOLERANCE) -> bool:
+    """True where all rates are whole multiples of the least, but for a ``tolerance``."""
+    return all(abs(float(rate / min(rates)) / round(rate / min(rates)) - 1.0) < tolerance for rate in rates)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from fractions import Fraction
 from pathlib import Path
 from typing import Final
 
-from pzcap.command.footage_files import File, cameras_in, keypoints_beside, multiples, troubles
+from pzcap.command.footage_files import File, cameras_in, keypoints_beside, motion_rates, multiples, troubles
 from pzcap.command.progress import ProgressLine
 from pzcap.command.syncing import SYNC, report, synchronised
 from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, PAPERS, VERSION, read_capture
@@ -51,15 +50,20 @@ def write_capture(
     }
     write_json(manifest, content)
     print(f"{manifest}: written; the sweeps {'go' if full_turn else 'do not go'} all the way round")
-    found = list(troubles(cameras))
     unreadable = any(file.trouble for files in cameras.values() for file in files)
-    try:
-        if not unreadable and texts["sync"] is None and any(each.timecode is None for each in _motions(cameras)):
+    unsynchronised: list[str] = []
+    if not unreadable and texts["sync"] is None and any(each.timecode is None for each in _motions(cameras)):
+        try:
             _synchronise(folder)
-        if not found:
+            texts["sync"] = SYNC
+        except PzcapError as error:
+            unsynchronised.append(str(error))
+    found = [*troubles(cameras, texts["sync"] is not None), *unsynchronised]
+    if not found:
+        try:
             read_capture(folder)
-    except PzcapError as error:
-        found.append(str(error))
+        except PzcapError as error:
+            found.append(str(error))
     for trouble in found:
         print(f"  to mend: {trouble}")
     return int(bool(found))
@@ -98,7 +102,7 @@ def _row(camera: str, file: File) -> tuple[str, ...]:
         return (camera, file.role, file.path.name, file.known_by, "unreadable", "", "", "", "")
     scan = ("interlaced" if file.interlaced else "progressive") if file.rate else "still"
     turned = f", turned by {file.rotation_deg}" if file.rotation_deg % 360 else ""
-    rate = "" if file.rate is None else f"{float(file.rate):.6g}"
+    rate = "" if file.rate is None else f"{float(file.rate):.6g}{', varies' if file.varies else ''}"
     frames = "" if file.rate is None else str(file.frames)
     size = f"{file.width}x{file.height}"
     stamp = (file.timecode or "none") if file.role == "motion" else ""
@@ -108,7 +112,7 @@ def _row(camera: str, file: File) -> tuple[str, ...]:
 def _rate(cameras: Mapping[str, Sequence[File]]) -> str:
     """The rate of the frame sets, as a fraction: the least that motion videos have, where the others have multiples of
     it; else the one that most have."""
-    rates: list[Fraction] = [file.rate for file in _motions(cameras) if file.rate]
+    rates = motion_rates(cameras)
     if not rates:
         raise PzcapError("no camera has a motion video that can be read; name one by --motion NAME")
     rate = min(rates) if multiples(rates) else max(rates, key=rates.count)

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
@@ -90,6 +90,11 @@ def read_image(path: Path) -> Image:
     # OpenCV fills up what is cut off with grey and a line on stderr
     whole = size is not None and is_whole(data)
     image = _decoded(data) if whole else None
+    if image is None and data and size is None:
+        raise PzcapError(
+            f"{path}: the image cannot be decoded, being neither PNG nor JPEG, whatever its name; save it as "
+            "one of them, at its full size and not corrected for distortion"
+        )
     if image is None:
         raise PzcapError(f"{path}: the image cannot be decoded; copy it again from the camera, as PNG or JPEG")
     return image
@@ -151,9 +156,28 @@ def _check_videos(camera: CameraFiles) -> None:
         if path is not None:
             reader = VideoReader(path)
             sizes[path] = (reader.width, reader.height)
-    if len(set(sizes.values())) > 1:
-        listing = ", ".join(f"{path.name} {width}x{height}" for path, (width, height) in sizes.items())
-        raise PzcapError(f"{next(iter(sizes)).parent}: one size is needed for all files of a camera, not {listing}")
+    if problem := size_problem(sizes, camera.reference):
+        raise PzcapError(f"{next(iter(sizes)).parent}: one size is needed for all files of a camera, not {problem}")
+
+
+def size_problem(sizes: Mapping[Path, tuple[int, int]], still: Path | None) -> str | None:
+    """The sizes of a camera's files where they are not one, with the cure; ``still``: its reference image."""
+    if len(set(sizes.values())) < 2:
+        return None
+    listing = ", ".join(f"{path.name} {width}x{height}" for path, (width, height) in sizes.items())
+    if len({frozenset(size) for size in sizes.values()}) == 1:
+        cure = (
+            "some stand upright and some lie: if the camera did not, take the turn out of those that say it wrongly "
+            "(video: ffmpeg -display_rotation 0 -i IN -c copy OUT; photo: exiftool -Orientation= PHOTO)"
+        )
+    elif len({size for path, size in sizes.items() if path != still}) == 1:
+        cure = (
+            "a photo shows more or less of the scene than a video: film the object as the sweep, and take the still "
+            "out of that (ffmpeg -i VIDEO -frames:v 1 reference.png)"
+        )
+    else:
+        cure = "shoot what differs again, by the settings of the motion: other sizes show more or less of the scene"
+    return f"{listing}; {cure}"
 
 
 def check_mark(mark: Mark, cameras: Sequence[CameraFiles], where: str = "") -> None:
@@ -267,8 +291,10 @@ def frame_sets(capture: Capture) -> FrameSets:
     stop = min(int(each[-1]) + 1 if len(each) else 0 for each in used)
     if first >= stop:
         how = "timecode" if capture.sync is None else "time by sync.json"
+        cure = "or let pzcap sync FOLDER find how they lie to each other" if capture.sync is None else "in sync.json"
         raise PzcapError(
-            f"{capture.folder}: the motion videos have no {how} in common; check that the clocks were synchronised"
+            f"{capture.folder}: the motion videos have no {how} in common; check that they are of one take, and that "
+            f"the clocks were synchronised, {cure}"
         )
     keypoints = [
         {}

@@ -23,7 +23,7 @@ from pzcap.types import Array, CameraClock, Capture, Indices, PzcapError
 SYNC_FORMAT: Final = "pzcap-sync"
 SYNC_VERSION: Final = 1
 RATE_TOLERANCE: Final = 1e-4  # containers round 30000/1001 to 29.97
-_DRIFT: Final = 0.02
+DRIFT: Final = 0.02
 """Departure of a clock's rate from a whole multiple of the frame sets', from which on it is no drift."""
 
 
@@ -159,10 +159,16 @@ def _multiple(reader: VideoReader, rate: Fraction, clock: CameraClock | None) ->
     """How many pictures a camera of constant rate takes while one frame set passes."""
     ratio = float(reader.frame_rate / rate) / (1.0 if clock is None else clock.rate)
     every = round(ratio)
-    if every < 1 or abs(ratio / every - 1.0) > (RATE_TOLERANCE if clock is None else _DRIFT):
+    if every < 1 or abs(ratio / every - 1.0) > (RATE_TOLERANCE if clock is None else DRIFT):
+        near = abs(float(reader.frame_rate / rate) - 1.0) <= DRIFT
+        cure = (
+            "let pzcap sync FOLDER find how cameras of nearly the same rate lie to each other"
+            if near and clock is None
+            else "film again at that rate, or leave this camera's motion out"
+        )
         raise PzcapError(
             f"{reader.path}: has {reader.frame_rate} frames/s where capture.json says {rate}; correct one of them (a "
-            "camera may have a whole multiple: every n-th picture is taken)"
+            f"camera may have a whole multiple: every n-th picture is taken), or {cure}"
         )
     return every
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -24,6 +25,16 @@ _USUAL_RATES: Final = tuple(
 )
 
 
+_OWN_CLOCK: Final = ("mpegts", "mpeg", "avi", "flv")
+"""Formats, as FFmpeg names them, whose first stamp says nothing but how long the recorder was on, or decoding takes."""
+
+
+_CUT_S: Final = 0.5  # by how much earlier than it says a recording may end
+_UNSTAMPED: Final = 0.1  # pictures without a time, which are not read, as a share of the others
+_STREAMS: Final = ("mpegts", "mpeg")
+"""Formats without an index, in which FFmpeg finds places by their time, though decoding may not begin there."""
+
+
 class FrameTimes(NamedTuple):
     """The frames that a video shows."""
 
@@ -33,6 +44,8 @@ class FrameTimes(NamedTuple):
     rate: Fraction  # frames a second
     constant: bool  # whether that holds for all of them; where not, the index of a frame is its number
     reordered: int  # by how much the presentation of a frame comes after its decoding, at most, in the time base
+    keys: NDArray[np.int64]  # (K, 2) of formats without an index, where decoding may begin: presentation, decoding time
+    begins_s: float  # what the file's clock, which its sound keeps to, says at time 0: other than 0 in some formats
 
 
 def frame_times(path: Path, container: InputContainer, stream: VideoStream, rate: Fraction) -> FrameTimes:
@@ -53,7 +66,9 @@ def frame_times(path: Path, container: InputContainer, stream: VideoStream, rate
             "damaged, copy it again from the camera"
         )
     numbers: NDArray[np.int64] = np.array(indices if constant else range(count), np.int64)
-    return FrameTimes(listed.times, times_s, numbers, rate, constant, listed.reordered)
+    own_clock = container.format.name in _OWN_CLOCK
+    begins_s = float(listed.origin * listed.base) if own_clock else 0.0
+    return FrameTimes(listed.times, times_s, numbers, rate, constant, listed.reordered, listed.keys, begins_s)
 
 
 class _Listed(NamedTuple):
@@ -64,25 +79,31 @@ class _Listed(NamedTuple):
     frame: Fraction  # duration of one, in the same
     base: Fraction  # s
     reordered: int  # as of `FrameTimes`
+    keys: NDArray[np.int64]  # the same
 
 
 def _listed(path: Path, container: InputContainer, stream: VideoStream, rate: Fraction) -> _Listed:
     """List the packets; what an edit list cuts off is left out."""
     base = Fraction(stream.time_base or 1)
     found: list[int] = []
-    reordered, unstamped = 0, False
+    keys: list[tuple[int, int]] = []
+    indexed = container.format.name not in _STREAMS
+    reordered, unstamped = 0, 0
     try:
         for packet in container.demux(stream):
             if packet.pts is None:
-                unstamped = unstamped or packet.size > 0
+                unstamped += packet.size > 0
             else:
                 found.append(packet.pts)
+                if not indexed and packet.is_keyframe:
+                    keys.append((packet.pts, packet.pts if packet.dts is None else packet.dts))
                 reordered = max(reordered, packet.pts - (packet.pts if packet.dts is None else packet.dts))
             if len(found) > limits.FRAMES:
                 raise PzcapError(f"{path}: more than {limits.FRAMES} frames; cut it into takes")
     except FFmpegError as error:
         raise failed(path, error) from error
-    if len(found) < stream.frames:
+    said_s = _said_to_end(stream)
+    if len(found) < stream.frames or (found and said_s > float(max(found) * base + 1 / rate) + _CUT_S):
         raise damaged(path)
     if not found and unstamped:
         raise PzcapError(
@@ -91,19 +112,30 @@ def _listed(path: Path, container: InputContainer, stream: VideoStream, rate: Fr
         )
     if not found:
         raise PzcapError(f"{path}: the video holds no frames; copy it again from the camera")
-    times, frame = np.array(sorted(found), np.int64), 1 / (base * rate)
+    if unstamped > _UNSTAMPED * len(found):
+        raise damaged(path, stamped=False)
+    # a stream that was cut out of another begins with pictures that nobody can decode
+    times = np.array(sorted(time for time in found if not keys or time >= keys[0][0]), np.int64)
+    frame, begins = 1 / (base * rate), np.array(keys, np.int64).reshape(-1, 2)
     if not container.format.name.startswith("mov"):
-        return _Listed(times, Fraction(0), frame, base, reordered)
+        origin = int(times[0]) if container.format.name in _OWN_CLOCK else 0
+        return _Listed(times, Fraction(origin), frame, base, reordered, begins)
     edit = read_edit(path, stream.id)
     if edit is None:  # without one, what is shown first is shown at once, however late decoding makes it
-        return _Listed(times, Fraction(int(times[0])), frame, base, reordered)
+        return _Listed(times, Fraction(int(times[0])), frame, base, reordered, begins)
     begin, rounded = edit.begin_s / base, edit.rounded_s / base
     shown = times > float(begin - rounded)
     if edit.shown_s is not None:
         shown &= times < float(begin + edit.shown_s / base - rounded)
     if not shown.any():
         raise PzcapError(f"{path}: its edit list shows none of its frames; export it again")
-    return _Listed(times[shown], begin - edit.delay_s / base, frame, base, reordered)
+    return _Listed(times[shown], begin - edit.delay_s / base, frame, base, reordered, begins)
+
+
+def _said_to_end(stream: VideoStream) -> float:
+    """When the last picture ends by a Matroska's own tag, in seconds; 0: there is none."""
+    told = re.fullmatch(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)", stream.metadata.get("DURATION", ""))
+    return 3600.0 * int(told[1]) + 60.0 * int(told[2]) + float(told[3]) if told else 0.0
 
 
 class _Trembling(NamedTuple):
@@ -131,6 +163,14 @@ def _trembling(times_s: NDArray[np.float64]) -> _Trembling | None:
     return _Trembling(rate, round(float(rate) * (start + period * float(numbers.mean())) - float(numbers.mean())))
 
 
+def usual_rate(times_s: NDArray[np.float64]) -> Fraction:
+    """The rate that a camera was set to whose frames at ``times_s`` (N,) vary in rate: the usual one that is nearest to
+    most of them."""
+    period = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
+    # of 30 and 29.97 nobody can tell which one varies
+    return min((rate for rate in _USUAL_RATES if rate.denominator == 1), key=lambda rate: abs(np.log(rate * period)))
+
+
 # --------------------------------------------------------------------------------------------------------------
 # Errors
 
@@ -146,7 +186,14 @@ def failed(path: Path, error: Exception, index: int | None = None) -> Exception:
     return damaged(path, index)
 
 
-def damaged(path: Path, index: int | None = None) -> PzcapError:
-    """Error to raise where a video ends too early, or a frame of that ``index`` cannot be decoded."""
+def damaged(path: Path, index: int | None = None, stamped: bool = True) -> PzcapError:
+    """Error to raise where a video ends too early, or a frame of that ``index`` cannot be decoded. ``stamped``: its
+    format keeps when each picture is shown."""
     where = "" if index is None else f" at frame {index}"
-    return PzcapError(f"{path}: the video is truncated or damaged{where}; copy it again from the camera")
+    anew = (
+        ""
+        if stamped
+        else "; if it plays well, its container cannot say when its pictures are shown: write it "
+        f"anew, ffmpeg -i {path.name} -crf 10 OUT.mp4"
+    )
+    return PzcapError(f"{path}: the video is truncated or damaged{where}; copy it again from the camera{anew}")

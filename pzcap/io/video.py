@@ -28,13 +28,17 @@ from av.video.stream import VideoStream
 from pzcap.io import limits
 from pzcap.io.files import checked
 from pzcap.io.frame_times import damaged, failed, frame_times
-from pzcap.types import Image, PzcapError
+from pzcap.types import Image, Indices, PzcapError
 
 _PARITY: Final = {2: "tff", 3: "bff", 4: "bff", 5: "tff"}  # by AVFieldOrder: the field that is shown first
 _SQUARE: Final = 2e-3  # departure of a pixel's width from its height that encoders write for square ones
 _BT601: Final = (2, 5, 6)  # AVColorSpace: unspecified, and the two that are BT.601
 _FULL_RANGE: Final = 2  # AVColorRange
 _TURN: Final = "DISPLAYMATRIX"  # av.sidedata.sidedata.Type
+_UNSTAMPED: Final = ("avi", "mpeg")  # formats that do not keep for each picture when it is shown
+_SEARCHES: Final = (0.0, 5.0, None)
+"""How far before a frame to begin, in seconds; None: at the beginning, where an intra frame tells too little, as those
+of open groups of pictures may, or where stamps are made up from there on, as in MPEG program streams."""
 _RECORDINGS: Final = (
     "mov", "matroska", "avi", "mpegts", "mpeg", "mxf", "mxf_opatom", "gxf", "lxf", "ogg", "flv", "asf", "nut", "dv",
     "ivf", "wtv", "rm", "amv", "gif", "apng", "r3d", "cine", "yuv4mpegpipe", "h264", "hevc", "mpegvideo", "mjpeg",
@@ -48,11 +52,12 @@ class VideoReader:
 
     Attributes: ``width``, ``height`` (upright), ``frame_rate`` (Fraction), ``timecode`` (str, or None if the file has
     none), ``indices`` (frame_count,) int64 increasing, ``times_s`` (frame_count,) when each is shown, ``frame_count``,
-    ``constant_rate``, ``interlaced``, ``on_its_side`` (its rows are shown as columns: a phone held upright). Where
-    the rate is not constant, as phones film, the index of a frame is its number. Stamps that tremble about a constant
-    rate are of a constant rate. Of interlaced video the first field of a frame is read, its time the frame's, and with
-    `read_fields` the second as well, half a frame period later. The rows between are made by FFmpeg's bwdif: from the
-    other fields where nothing moves, else from the rows beside.
+    ``begins_s`` (what the file's own clock, which its sound keeps to, says at time 0), ``constant_rate``,
+    ``interlaced``, ``on_its_side`` (its rows are shown as columns: a phone held upright). Where the rate is not
+    constant, as phones film, the index of a frame is its number. Stamps that tremble about a constant rate are of a
+    constant rate. Of interlaced video the first field of a frame is read, its time the frame's, and with `read_fields`
+    the second as well, half a frame period later. The rows between are made by FFmpeg's bwdif: from the other fields
+    where nothing moves, else from the rows beside.
 
     Raises PzcapError if the file is missing, is no video, is empty or truncated, if its pixels are not square, and for
     sizes beyond `pzcap.io.limits`.
@@ -68,9 +73,12 @@ class VideoReader:
             self._check_format(stream)
             self.interlaced = int(stream.codec_context.field_order) in _PARITY
             self.timecode = _find_timecode(container, stream)
+            self._stamped = container.format.name not in _UNSTAMPED
+            self._searches = _SEARCHES[-1:] if container.format.name == "mpeg" else _SEARCHES
             shown = frame_times(path, container, stream, Fraction(rate))
         self._times, self._reordered, self.frame_count = shown.times, shown.reordered, len(shown.times)
-        self.times_s, self.indices = shown.times_s, shown.indices
+        self.times_s, self.indices, self.begins_s = shown.times_s, shown.indices, shown.begins_s
+        self._keys = shown.keys
         self.frame_rate, self.constant_rate = shown.rate, shown.constant
         self._quarter_turns = self._turned()
         self.on_its_side = self._quarter_turns % 2 == 1
@@ -107,14 +115,28 @@ class VideoReader:
     def _decode(self, start: int, stop: int | None) -> Iterator[tuple[int, tuple[VideoFrame, ...]]]:
         within = (self.indices >= start) & (self.indices < (np.inf if stop is None else stop))
         numbers, done = np.flatnonzero(within), 0
+        for before_s in self._searches if len(numbers) and numbers[0] > 0 else (None,):
+            try:
+                for index, fields in self._decoded(numbers, before_s):
+                    yield index, fields
+                    done += 1
+                return
+            except PzcapError:
+                if done or before_s is None:
+                    raise
+
+    def _decoded(self, numbers: Indices, before_s: float | None) -> Iterator[tuple[int, tuple[VideoFrame, ...]]]:
+        """Decode the frames of these consecutive ``numbers``, from the intra frame on that is found ``before_s`` before
+        them; None: from the beginning on."""
+        done = 0
         if len(numbers) == 0:
             return
         with self._open() as container:
             stream = self._stream(container)
             try:
-                if numbers[0] > 0:
-                    # lands on the last intra frame that is decoded by then: with B frames, one shown later may be
-                    container.seek(int(self._times[numbers[0]]) - self._reordered, stream=stream)
+                if before_s is not None:
+                    earlier = round(before_s / float(stream.time_base or 1))
+                    container.seek(self._place(int(self._times[numbers[0]]) - earlier), stream=stream)
                 for time, fields in self._pictures(container, stream):
                     if time < self._times[numbers[0]]:
                         continue
@@ -126,7 +148,13 @@ class VideoReader:
                         return
             except FFmpegError as error:
                 raise failed(self.path, error, int(self.indices[numbers[done]])) from error
-        raise damaged(self.path, int(self.indices[numbers[done]]))
+        raise damaged(self.path, int(self.indices[numbers[done]]), stamped=self._stamped)
+
+    def _place(self, time: int) -> int:
+        """Where to look for the intra frame before a ``time``, in the stream's time base."""
+        before = self._keys[self._keys[:, 0] <= time]
+        # lands on the last intra frame that is decoded by then: with B frames, one shown later may be
+        return int(before[-1, 1]) if len(before) else time - self._reordered
 
     def _pictures(
         self, container: av.container.InputContainer, stream: VideoStream
@@ -134,14 +162,14 @@ class VideoReader:
         """Decode whole pictures, one a frame or one a field, and when each frame is presented in the stream's time
         base."""
         if not self.interlaced:
-            yield from ((frame.pts or 0, (frame,)) for frame in container.decode(stream))
+            yield from ((frame.pts or 0, (frame,)) for frame in self._frames(container, stream))
             return
         graph, first = Graph(), _PARITY.get(int(stream.codec_context.field_order), "auto")
         whole = graph.add("bwdif", f"mode=send_field:parity={first}:deint=all")
         graph.link_nodes(graph.add_buffer(template=stream), whole, graph.add("buffersink")).configure()
         times: deque[int] = deque()  # of frames in the graph: it needs the next one to make the pictures of two fields
         fields: list[VideoFrame] = []
-        for frame in chain(container.decode(stream), [None]):
+        for frame in chain(self._frames(container, stream), [None]):
             if frame is not None:
                 times.append(frame.pts or 0)
             graph.push(frame)
@@ -154,6 +182,23 @@ class VideoReader:
                 if len(fields) == 2:
                     yield times.popleft(), tuple(fields)
                     fields = []
+
+    def _frames(self, container: av.container.InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
+        """Decode from the first intra frame on. Pictures that are shown before it may need some that come before it,
+        and be lost."""
+        first: int | None = None
+        for packet in container.demux(stream):
+            if first is None and (packet.is_keyframe or len(self._keys) == 0):
+                first = packet.pts or 0
+            if first is None:
+                continue
+            try:
+                frames = packet.decode()
+            except FFmpegError:
+                if packet.pts is None or packet.pts >= first:
+                    raise
+                continue
+            yield from frames
 
     def _check_format(self, stream: VideoStream) -> None:
         context = stream.codec_context

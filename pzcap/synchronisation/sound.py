@@ -36,8 +36,9 @@ class Sound:
     distance_m: float | None  # of the camera from the middle of the hall
 
 
-def sound_of(path: Path, distance_m: float | None) -> Sound | None:
-    """The sound that a video has beside its pictures, on their clock; None where it has none, or a silent one."""
+def sound_of(path: Path, distance_m: float | None, begins_s: float = 0.0) -> Sound | None:
+    """The sound that a video has beside its pictures, on their clock; None where it has none, or a silent one.
+    ``begins_s``: as of `VideoReader`."""
     pieces: list[Array] = []
     begin_s: float | None = None
     try:
@@ -48,7 +49,9 @@ def sound_of(path: Path, distance_m: float | None) -> Sound | None:
             length = 0
             for frame in container.decode(container.streams.audio[0]):
                 if begin_s is None:
-                    begin_s = 0.0 if frame.time is None else float(frame.time)
+                    begin_s = 0.0 if frame.time is None else float(frame.time) - begins_s
+                    if abs(begin_s) > SOUND.longest_s:  # not beside its pictures
+                        return None
                 for part in resampler.resample(frame):
                     pieces.append(part.to_ndarray().ravel().astype(np.float64))
                     length += len(pieces[-1])

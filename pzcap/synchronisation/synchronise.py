@@ -80,7 +80,7 @@ def _delays(
         sounds = []
         for number, each in enumerate(recordings):
             report("sound", number, len(recordings))
-            heard = sound.sound_of(each.reader.path, each.distance_m)
+            heard = sound.sound_of(each.reader.path, each.distance_m, each.reader.begins_s)
             if heard is None:
                 return [], f"camera {each.name} has none", even
             sounds.append(heard)

@@ -18,6 +18,7 @@ from pzcap.command.main import main
 from pzcap.io.capture import read_capture
 from pzcap.io.clocks import SYNC_FORMAT, SYNC_VERSION
 from pzcap.types import PzcapError
+from tests.scenes.recorders import encode, pictures
 
 
 def video(
@@ -127,12 +128,79 @@ def test_two_files_for_one_purpose(tmp_path: Path) -> None:
         cameras_in(tmp_path, {})
 
 
+def test_one_piece_of_a_recording_may_be_chosen(tmp_path: Path) -> None:
+    for name in ("sweep", "zoom", "motion1", "motion2"):
+        video(tmp_path / "cam" / f"{name}.mp4")
+    with pytest.raises(PzcapError, match=r"could each be its motion; .*; join pieces of one recording first"):
+        cameras_in(tmp_path, {})
+    [files] = cameras_in(tmp_path, {"motion": "motion2.mp4"}).values()
+    assert [file.path.stem for file in files] == ["sweep", "zoom", "motion2"]
+
+
+def test_further_videos_are_left_out_where_all_are_named(tmp_path: Path) -> None:
+    for number in range(5):
+        video(tmp_path / "cam" / f"{number}.mp4")
+    [files] = cameras_in(tmp_path, {"sweep": "1.*", "zoom": "2.*", "motion": "3.*"}).values()
+    assert [file.path.stem for file in files] == ["1", "2", "3"]
+
+
+@pytest.mark.parametrize("ending", ["webm", "TS", "m2t", "mpg", "3gp", "wmv", "braw"])
+def test_no_video_is_passed_over_for_its_ending(ending: str, tmp_path: Path) -> None:
+    """Else the zoom run would be taken for the motion."""
+    for number in (1, 2):
+        video(tmp_path / "cam" / f"{number}.mp4")
+    (tmp_path / "cam" / f"3.{ending}").write_bytes(b"no video")
+    [files] = cameras_in(tmp_path, {}).values()
+    assert [(file.role, file.trouble is None) for file in files] == [
+        ("sweep", True), ("zoom", True), ("motion", False),
+    ]  # fmt: skip
+
+
+def test_raw_pictures_beside_a_still_are_no_stills(tmp_path: Path) -> None:
+    video(tmp_path / "cam" / "1.mp4")
+    (tmp_path / "cam" / "0.DNG").write_bytes(b"II*\0")
+    [[still_file, _]] = cameras_in(tmp_path, {}).values()
+    assert "neither PNG nor JPEG" in str(still_file.trouble)
+    still(tmp_path / "cam" / "0.png")
+    [[still_file, _]] = cameras_in(tmp_path, {}).values()
+    assert (still_file.path.name, still_file.trouble) == ("0.png", None)
+
+
+def test_phones_whose_rate_varies_have_the_rate_they_were_set_to(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(4)
+    for camera in ("a", "b"):
+        times = np.delete(np.cumsum(rng.normal(1 / 30, 0.004, 40)), rng.integers(1, 39, 3))
+        path = tmp_path / camera / "motion.mov"
+        path.parent.mkdir()
+        encode(path, pictures(len(times)), Fraction(30), times_s=times.tolist(), timecode="10:20:30:00")
+    assert main(["new", str(tmp_path)]) == 1  # for the still and the sweep alone
+    said = capsys.readouterr().out
+    assert "frames/s; one rate" not in said
+    assert said.count("30, varies") == 2
+    assert json.loads((tmp_path / "capture.json").read_text())["frame_rate"] == "30/1"
+
+
 def broken(folder: Path) -> None:
     (folder / "GoPro 1/DCIM/100GOPRO/GX010034.MP4").write_bytes(b"no video")
 
 
 def other_size(folder: Path) -> None:
     video(folder / "GoPro 1/DCIM/100GOPRO/GX010035.MP4", size=(96, 48))
+
+
+def turned(folder: Path) -> None:
+    video(folder / "GoPro 1/DCIM/100GOPRO/GX010035.MP4", size=(48, 64))
+
+
+def photo(folder: Path) -> None:
+    still(folder / "GoPro 1/DCIM/100GOPRO/GOPR0033.PNG", size=(640, 480))
+
+
+def heic(folder: Path) -> None:
+    no_still(folder)
+    (folder / "GoPro 2/DCIM/100GOPRO/IMG_0033.HEIC").write_bytes(b"\0\0\0\x18ftypheic")
 
 
 def other_rate(folder: Path) -> None:
@@ -152,6 +220,10 @@ def bad_text(folder: Path) -> None:
     [
         (broken, "GX010034.MP4: the video is truncated or damaged"),
         (other_size, "camera GoPro 1: one size is needed for all its files, not"),
+        (other_size, "shoot what differs again"),
+        (turned, "some stand upright and some lie"),
+        (photo, "64x48; a photo shows more or less of the scene than a video"),
+        (heic, "IMG_0033.HEIC: the image cannot be decoded, being neither PNG nor JPEG"),
         (other_rate, "the motion videos have 25, 30 frames/s; one rate is needed"),
         (no_still, "camera GoPro 2: no still of the calibration object"),
         (bad_text, "subject.json"),
@@ -187,6 +259,20 @@ def test_a_sync_json_older_than_the_videos_is_named(tmp_path: Path, capsys: pyte
     os.utime(tmp_path / "sync.json", (0, 0))
     main(["new", str(tmp_path), "--replace"])
     assert f"of another take, run pzcap sync {tmp_path}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("rate", "mends"), [(Fraction(30000, 1001), 0), (Fraction(25), 1)])
+def test_rates_that_a_sync_json_brings_together_are_no_trouble(
+    rate: Fraction, mends: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crew(tmp_path)
+    video(tmp_path / "GoPro 1/DCIM/100GOPRO/GX010036.MP4", timecode="10:20:30:00", rate=rate)
+    assert main(["new", str(tmp_path)]) == 1
+    assert "pzcap sync FOLDER brings together" in capsys.readouterr().out
+    clocks = [{"name": name, "offset_s": 0.0, "rate": 1.0, "sigma_s": 0.001} for name in ("GoPro 1", "GoPro 2")]
+    content = {"format": SYNC_FORMAT, "version": SYNC_VERSION, "cameras": clocks}
+    (tmp_path / "sync.json").write_text(json.dumps(content))
+    assert main(["new", str(tmp_path), "--replace"]) == mends
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 import pytest
 from av.video.reformatter import ColorRange, Colorspace
@@ -62,6 +63,54 @@ def test_every_picture_before_an_intra_frame_is_found_by_itself(tmp_path: Path) 
         assert [(index, number(image)) for index, image in reader.read(k, k + 1)] == [(k, k)]
 
 
+@pytest.mark.parametrize("ending", ["mp4", "mkv", "ts", "flv"])
+@pytest.mark.parametrize("codec", ["open-gop=0", "open-gop=1:b-pyramid=normal"])
+def test_every_picture_is_found_by_itself_in_any_container(codec: str, ending: str, tmp_path: Path) -> None:
+    """Pictures before an intra frame may need some of the group before, and a stream has no index of intra frames."""
+    options = {"x264-params": f"bframes=3:b-adapt=0:keyint=12:scenecut=0:{codec}"}
+    reader = VideoReader(encode(tmp_path / f"motion.{ending}", pictures(30), RATE, options=options))
+    assert numbers(reader) == [(k, k) for k in range(30)]
+    for k in range(30):
+        assert [(index, number(image)) for index, image in reader.read(k, k + 1)] == [(k, k)]
+
+
+@pytest.mark.parametrize("codec", ["open-gop=0", "open-gop=1"])
+def test_a_stream_cut_out_of_another_begins_at_its_first_intra_frame(codec: str, tmp_path: Path) -> None:
+    options = {"x264-params": f"bframes=3:b-adapt=0:keyint=12:scenecut=0:{codec}"}
+    path = encode(tmp_path / "motion.ts", pictures(30), RATE, options=options)
+    data = path.read_bytes()
+    path.write_bytes(data[188 * (len(data) // 188 // 4) :])
+    reader = VideoReader(path)
+    read = numbers(reader)
+    assert [index for index, _ in read] == list(range(reader.frame_count))
+    assert [image for _, image in read] == list(range(30 - reader.frame_count, 30))
+    assert 6 <= reader.frame_count <= 18
+
+
+@pytest.mark.parametrize("rate", [RATE, Fraction(5)])
+def test_a_matroska_that_ends_before_it_says_so_is_cut(rate: Fraction, tmp_path: Path) -> None:
+    path = encode(tmp_path / "motion.mkv", pictures(40), rate, options={"x264-params": "keyint=5"})
+    assert VideoReader(path).frame_count == 40
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.raises(PzcapError, match=r"motion\.mkv: the video is truncated or damaged; copy it again"):
+        VideoReader(path)
+
+
+def test_a_program_stream_is_read_in_order(tmp_path: Path) -> None:
+    path = tmp_path / "motion.mpg"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg2video", rate=RATE, options={"qmin": "1", "qmax": "2", "bf": "2", "g": "12"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for image in pictures(30):
+            yuv = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YUV_I420), np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(yuv, format="yuv420p")))
+        container.mux(stream.encode())
+    reader = VideoReader(path)
+    assert numbers(reader) == [(k, k) for k in range(30)]
+    assert [number(image) for _, image in reader.read(17, 20)] == [17, 18, 19]
+
+
 @pytest.mark.parametrize("group", [1, 5, 10])
 @pytest.mark.parametrize("shown", [12, 20])
 def test_a_recording_trimmed_at_its_end(group: int, shown: int, tmp_path: Path) -> None:
@@ -84,6 +133,26 @@ def test_a_recording_shown_in_pieces_gets_one_line(tmp_path: Path) -> None:
     path.write_bytes(grown)
     with pytest.raises(PzcapError, match=r"edit list shows it in pieces.* export what was recorded, as one"):
         VideoReader(path)
+
+
+@pytest.mark.parametrize(("ending", "later_s"), [("ts", 72_000), ("avi", 0), ("flv", 0)])
+def test_the_first_picture_is_time_0_where_stamps_count_from_anywhere(
+    ending: str, later_s: int, tmp_path: Path
+) -> None:
+    path = encode(
+        tmp_path / f"motion.{ending}", pictures(20), RATE, options={"x264-params": "bframes=0"},
+        muxer={"output_ts_offset": str(later_s)},
+    )  # fmt: skip
+    reader = VideoReader(path)
+    assert numbers(reader) == [(k, k) for k in range(20)]
+    assert reader.times_s[0] == 0.0
+    assert later_s <= reader.begins_s < later_s + 2.0
+
+
+def test_b_frames_that_a_container_gives_no_times_get_one_line(tmp_path: Path) -> None:
+    path = encode(tmp_path / "motion.avi", pictures(20), RATE, options=B_FRAMES)
+    with pytest.raises(PzcapError, match=r"if it plays well, its container .* ffmpeg -i motion\.avi -crf 10 OUT\.mp4"):
+        list(VideoReader(path))
 
 
 def test_a_sweep_of_a_phone_may_vary_in_rate(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from scipy.signal import resample_poly
@@ -54,14 +55,29 @@ def test_sound_of_a_file_is_on_the_clock_of_its_pictures(tmp_path: Path) -> None
     samples = np.zeros(2 * hall.SAMPLES_PER_S, np.float32)
     samples[hall.SAMPLES_PER_S // 2 :][:200] = 0.5
     write_video(tmp_path / "a.mp4", pictures(60), Fraction(30), crf=20, sound=samples)
-    reader = VideoReader(tmp_path / "a.mp4")
-    assert reader.indices[0] == 0
-    assert [number(image) for _, image in reader.read(0, 3)] == [0, 1, 2]
-    found = sound.sound_of(reader.path, None)
-    assert found is not None
-    assert np.flatnonzero(np.abs(found.samples) > 0.2)[0] / SAMPLES_PER_S == pytest.approx(0.5, abs=0.002)
+    for path in (tmp_path / "a.mp4", streamed(tmp_path / "a.mp4", 0), streamed(tmp_path / "a.mp4", 80_000)):
+        reader = VideoReader(path)
+        assert reader.indices[0] == 0
+        assert [number(image) for _, image in reader.read(0, 3)] == [0, 1, 2]
+        found = sound.sound_of(reader.path, None, reader.begins_s)
+        assert found is not None
+        assert np.flatnonzero(np.abs(found.samples) > 0.2)[0] / SAMPLES_PER_S == pytest.approx(0.5, abs=0.002)
     write_video(tmp_path / "b.mp4", pictures(6), Fraction(30), crf=20)
     assert sound.sound_of(tmp_path / "b.mp4", None) is None
+
+
+def streamed(path: Path, begins_s: int) -> Path:
+    """A video as a transport stream, whose clock says ``begins_s`` or a little more as it begins."""
+    out = path.with_name(f"{path.stem}{begins_s}.mts")
+    with av.open(str(path)) as source, av.open(str(out), "w", "mpegts", {"output_ts_offset": str(begins_s)}) as copy:
+        streams = {
+            each.index: copy.add_stream_from_template(each) for each in (*source.streams.video, *source.streams.audio)
+        }
+        for packet in source.demux(*source.streams.video, *source.streams.audio):
+            if packet.dts is not None:
+                packet.stream = streams[packet.stream.index]
+                copy.mux(packet)
+    return out
 
 
 def test_a_hall_in_which_nothing_bangs_leaves_doubt() -> None:
