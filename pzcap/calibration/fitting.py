@@ -29,7 +29,9 @@ class CameraFit(NamedTuple):
 
 def fit_camera(matched: Matched, start: CalibrationParameters, config: PanZoomConfig, report: Report) -> CameraFit:
     """Fit the parameters of a camera from a ``start``, right to some pixels, to its matches and then to grey values."""
-    if matched.chained.full_turn and is_unusual(start.higher, matched.sigmas.higher):  # what a footage does not ask for would only add to its noise
+    if matched.chained.full_turn and is_unusual(
+        start.higher, matched.sigmas.higher
+    ):  # what a footage does not ask for would only add to its noise
         wide = matched.sigmas.higher / BELIEF.usual_lens
         matched = replace(matched, sigmas=replace(matched.sigmas, higher=wide))
     adjusted = adjust(start, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)

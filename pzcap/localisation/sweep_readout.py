@@ -89,6 +89,7 @@ class Still(NamedTuple):
 
     image: Image
     at: ViewPlace
+    zooms: bool  # its rows differ in focal length, if the shutter rolls
 
 
 def still_of(footage: Footage, found: CalibratedCamera, zoomed: ZoomedFrames) -> Still | None:
@@ -96,12 +97,12 @@ def still_of(footage: Footage, found: CalibratedCamera, zoomed: ZoomedFrames) ->
     frame of the zoom run whose focal length is nearest to its own. None without either."""
     tilt_rad, focal_px = found.camera.tilt_rad, found.reference.camera.focal_px
     if footage.calibration_object is not None:
-        return Still(footage.reference_image, ViewPlace(0.0, tilt_rad, focal_px))
+        return Still(footage.reference_image, ViewPlace(0.0, tilt_rad, focal_px), False)
     if footage.zoom is None or not len(zoomed.numbers):
         return None
     nearest = int(np.argmin(np.abs(zoomed.log_focal - np.log(focal_px))))
     image = next(image for number, image in footage.zoom if number == zoomed.numbers[nearest])
-    return Still(image, ViewPlace(zoomed.pan_rad, tilt_rad, float(np.exp(zoomed.log_focal[nearest]))))
+    return Still(image, ViewPlace(zoomed.pan_rad, tilt_rad, float(np.exp(zoomed.log_focal[nearest]))), True)
 
 
 class Remaining(NamedTuple):
@@ -129,7 +130,8 @@ class Remaining(NamedTuple):
 def in_sweep(still: Still, found: CalibratedCamera, swept: SweptFrames) -> Remaining:
     """Read-out that frames of the sweep still show, against a picture by the camera at rest; where that cannot be
     aligned, nothing shows it."""
-    prior = FramePrior(still.at, *([READOUT.panorama_rad] * 3))
+    open_to = READOUT.panorama_rad
+    prior = FramePrior(still.at, open_to, open_to, open_to, open_to if still.zooms else 0.0)
     aligner = Aligner(found.panorama, found.camera, pixels=still.image.size)
     aligned = aligner.align(still.image, still.at, 4.0, None, prior)
     if aligned.agreement < ALIGNMENT.sure_agreement or not aligned.report.converged:

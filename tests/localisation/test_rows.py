@@ -253,15 +253,24 @@ def swept_at(panorama: Panorama, step_rad: float) -> tuple[CalibratedCamera, Swe
 def test_a_picture_at_rest_shows_the_read_out_of_the_sweep(panorama: Panorama, sheared: Image, step_rad: float) -> None:
     """A frame that is sheared before a panorama that is not is as one that is not before one that is, the other way."""
     found, swept = swept_at(panorama, step_rad)
-    still = Still(sheared, ViewPlace(0.3, OPTICS.tilt_rad, 1.3 * FOCAL))
+    still = Still(sheared, ViewPlace(0.3, OPTICS.tilt_rad, 1.3 * FOCAL), False)
     remaining = in_sweep(still, found, swept)
     assert remaining.share == pytest.approx(-0.006 / step_rad, rel=0.03)
     assert remaining.sigma == pytest.approx(READOUT.least_shear_rad / abs(step_rad), rel=0.2)
     assert remaining.matters
-    upright = Still(synthetic.render(OPTICS, 0.3, FOCAL), ViewPlace(0.3, OPTICS.tilt_rad, FOCAL))
+    upright = Still(synthetic.render(OPTICS, 0.3, FOCAL), ViewPlace(0.3, OPTICS.tilt_rad, FOCAL), False)
     assert not in_sweep(upright, found, swept).matters
-    elsewhere = Still(synthetic.render(OPTICS, 2.0, FOCAL), ViewPlace(0.3, OPTICS.tilt_rad, FOCAL))
+    elsewhere = Still(synthetic.render(OPTICS, 2.0, FOCAL), ViewPlace(0.3, OPTICS.tilt_rad, FOCAL), False)
     assert in_sweep(elsewhere, found, swept) == Remaining(0.0, 0.0)  # and not surely none
+
+
+def test_a_lens_that_zooms_meanwhile_is_not_taken_for_a_sheared_sweep(panorama: Panorama) -> None:
+    """Rows that differ in focal length shift what is seen beside the middle as rows that differ in pan do."""
+    found, swept = swept_at(panorama, 0.04)
+    picture = rolled(0.3, FOCAL, np.array([0.0, 0.02]))
+    place = ViewPlace(0.3, OPTICS.tilt_rad, FOCAL)
+    assert not in_sweep(Still(picture, place, True), found, swept).matters
+    assert in_sweep(Still(picture, place, False), found, swept).matters
 
 
 def test_a_zoom_run_shows_the_read_out_that_is_left(panorama: Panorama) -> None:
@@ -297,10 +306,11 @@ def test_without_an_object_a_frame_of_the_zoom_run_is_the_one_at_rest(panorama: 
     with_object = still_of(footage, found, zoomed)
     assert with_object is not None
     assert (with_object.image[0, 0, 0], with_object.at.pan_rad, with_object.at.focal_px) == (0, 0.0, FOCAL)
+    assert not with_object.zooms
     without = footage._replace(calibration_object=None)
     at_rest = still_of(without, found, zoomed)
     assert at_rest is not None
-    assert (at_rest.image[0, 0, 0], at_rest.at.pan_rad) == (7, 0.4)
+    assert (at_rest.image[0, 0, 0], at_rest.at.pan_rad, at_rest.zooms) == (7, 0.4, True)
     assert at_rest.at.focal_px == pytest.approx(1.02 * FOCAL)
     assert still_of(without._replace(zoom=None), found, zoomed) is None
     assert still_of(without, found, ZoomedFrames(np.zeros(0, np.int64), np.zeros(0), 0.0)) is None
