@@ -13,6 +13,7 @@ too: a floor, walls, and what departs from these. Lengths are in heights of the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,11 +24,18 @@ from numpy.typing import NDArray
 
 from pzcap.calibration.beliefs import Sigmas, information
 from pzcap.calibration.link_sums import add_link, add_nodes, new_link_sums
-from pzcap.calibration.parameters import CalibrationParameters, ViewJacobians, retract, to_vector, view_jacobians
+from pzcap.calibration.parameters import (
+    CalibrationParameters,
+    ViewJacobians,
+    place_of_k2,
+    retract,
+    to_vector,
+    view_jacobians,
+)
 from pzcap.calibration.transfer import SIDES, new_transfer, transfer
 from pzcap.calibration.tuning import BUNDLE
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall
-from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
+from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, Solution, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure, planar_sigma
 from pzcap.types import Array, Mask
 
@@ -60,6 +68,7 @@ class Adjusted:
     residual_px: float  # RMS of the inliers
     inliers: NDArray[np.int64]  # a link
     report: SolveReport
+    k2_drawn: float  # k2 over the standard deviation by which matches draw that of a usual lens from 0
 
 
 def adjust(
@@ -81,7 +90,15 @@ def adjust(
     return Adjusted(
         solution.state, float(np.sqrt(np.mean(length[good] ** 2))),
         np.add.reduceat(good.astype(np.int64), matches.bounds[:-1]), solution.report,
+        _k2_drawn(solution, sigmas),
     )  # fmt: skip
+
+
+def _k2_drawn(solution: Solution[CalibrationParameters], sigmas: Sigmas) -> float:
+    """`Adjusted.k2_drawn`: of the variance that is believed a part is left by the matches, which draw by the other."""
+    place, believed = place_of_k2(solution.state), float(sigmas.higher[0]) ** 2
+    left = solution.sigma**2 * float(np.linalg.inv(solution.normal)[place, place])
+    return float(solution.state.higher[0]) / math.sqrt(max(believed - left, 1e-12 * believed))
 
 
 class Matches(NamedTuple):

@@ -75,7 +75,8 @@ def calibrate(
     fitted = fitted.less_sure(scale, BELIEF.parallax_scale_sigma_m * float(np.linalg.norm(camera.offset_m)))
     if footage.by_fields:
         fitted = fitted.less_sure(place_of_travel(model), BELIEF.travel_by_fields_m / height_of(refined.camera))
-    doubt = np.hypot(0.0 if chained.full_turn else BELIEF.partial_scale_sigma, undecided)
+    stretch = BELIEF.partial_scale_by_fields if footage.by_fields else BELIEF.partial_scale_sigma
+    doubt = np.hypot(0.0 if chained.full_turn else stretch, undecided)
     if footage.calibration_object is not None:
         doubt = np.hypot(doubt, contradiction(first.camera.focal_px, taken.focal_px, size[0]))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0

@@ -140,9 +140,7 @@ def sigmas_of(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool
     principal = np.full(2 if zoom else 1, beliefs.principal * camera.width)
     k1 = beliefs.k1 * np.array([1.0, 1.0, 0.5] if zoom else [1.0])
     offset, travel = np.array([beliefs.offset_m, beliefs.travel_m]) / height_of(camera)
-    # where no circle closes, a focal length makes up for the lens, and nothing shows that this is not a usual one
-    share = BELIEF.usual_lens if full_turn else 1.0
-    higher = share * np.array([beliefs.k2, beliefs.decentring, beliefs.decentring])
+    higher = BELIEF.usual_lens * np.array([beliefs.k2, beliefs.decentring, beliefs.decentring])
     return Sigmas(focal, np.deg2rad(beliefs.tilt_deg), principal, k1, higher, float(offset), float(travel))
 
 

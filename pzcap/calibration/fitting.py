@@ -29,12 +29,14 @@ class CameraFit(NamedTuple):
 
 def fit_camera(matched: Matched, start: CalibrationParameters, config: PanZoomConfig, report: Report) -> CameraFit:
     """Fit the parameters of a camera from a ``start``, right to some pixels, to its matches and then to grey values."""
-    if matched.chained.full_turn and is_unusual(
-        start.higher, matched.sigmas.higher
-    ):  # what a footage does not ask for would only add to its noise
-        wide = matched.sigmas.higher / BELIEF.usual_lens
-        matched = replace(matched, sigmas=replace(matched.sigmas, higher=wide))
+    unusual = is_unusual(start.higher, matched.sigmas.higher)
+    if unusual:  # what a footage does not ask for would only add to its noise
+        matched = _of_any_lens(matched)
     adjusted = adjust(start, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
+    # where no circle closes a focal length makes up for k2, which is hardly drawn from 0
+    if not (unusual or matched.chained.full_turn) and abs(adjusted.k2_drawn) > BELIEF.unusual:
+        matched = _of_any_lens(matched)
+        adjusted = adjust(adjusted.parameters, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0)
     adjusted = replace(adjusted, parameters=with_lean(adjusted.parameters, matched))
     # features place frames to a quarter of a pixel, grey values better
     height, width = matched.chained.images[0].shape
@@ -46,6 +48,11 @@ def fit_camera(matched: Matched, start: CalibrationParameters, config: PanZoomCo
 def is_unusual(higher: Array, sigmas: Array) -> bool:
     """True if k2, p1 or p2 (3,) were drawn further from 0 than their usual ``sigmas`` (3,) let one expect."""
     return bool(np.any(np.abs(higher) > BELIEF.unusual * sigmas))
+
+
+def _of_any_lens(matched: Matched) -> Matched:
+    """The same with k2, p1 and p2 believed to be as large as any lens's."""
+    return replace(matched, sigmas=replace(matched.sigmas, higher=matched.sigmas.higher / BELIEF.usual_lens))
 
 
 def _fit_grey_values(

@@ -71,6 +71,11 @@ def place_of_travel(state: CalibrationParameters) -> int:
     return len(to_vector(state)) - hall_size(state) - 1
 
 
+def place_of_k2(state: CalibrationParameters) -> int:
+    """Index of k2 in the vector."""
+    return place_of_travel(state) - len(state.offset) - len(state.higher)
+
+
 def retract(state: CalibrationParameters, step: Array) -> CalibrationParameters:
     """The parameters with ``step`` (U,) added to their vector."""
     there, hall, lens = to_vector(state) + step, state.surroundings, (2 * len(state.principal_px), len(state.k1), 3)

@@ -71,6 +71,9 @@ class BeliefTuning(NamedTuple):
     which on the sweep contradicts the object. Seen: up to 9 where it is right (640 and 320 columns), 26 where not."""
     partial_scale_sigma: float = 1e-3
     """Relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole. Fitted to captures."""
+    partial_scale_by_fields: float = 3.5e-3
+    """The same of interlaced video, every other row of which is made of those beside it. Fitted to `all_cameras` with
+    sweeps of 200 degrees."""
     parallax_scale_sigma_m: float = 3e-3
     """Relative, a metre of the projection centre's offset: what stands before the walls shifts against them, and the
     surroundings have walls and floor alone. Fitted to captures by plain heads."""

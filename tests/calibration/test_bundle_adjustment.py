@@ -15,6 +15,7 @@ from pzcap.calibration.beliefs import Sigmas
 from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.parameters import CalibrationParameters, hall_size, retract, to_vector, view_jacobians
 from pzcap.calibration.transfer import new_transfer, transfer
+from pzcap.calibration.tuning import BELIEF
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import HIGHER, VIEW
 from pzcap.geometry.cylinder import kernel_hall
@@ -87,6 +88,28 @@ def test_wrong_matches_do_not_pull(wrong: float) -> None:
     np.testing.assert_allclose(found.parameters.log_focal, truth().log_focal, atol=1e-3)
     np.testing.assert_allclose(found.parameters.principal_px[0], truth().principal_px[0], atol=0.7)
     assert 0.2 < found.residual_px < 1.0
+
+
+def test_a_lens_that_is_none_of_the_usual_shows_where_no_circle_closes() -> None:
+    """Hardly drawn from 0, since a focal length makes up for it, but by far more than chance draws a usual one's."""
+    usual = replace(SIGMAS, higher=0.03 * SIGMAS.higher)
+
+    def drawn(k2: float, seed: int) -> tuple[float, float]:
+        model, rng = replace(truth(), higher=np.array([k2, 0.0, 0.0])), np.random.default_rng(seed)
+        pairs = (
+            [(i, i + step) for step in (1, 2) for i in range(24 - step)]
+            + [(0, 24)]
+            + [(k, k + 1) for k in range(24, 29)]
+        )
+        made = [found for a, b in pairs if (found := link(model, a, b, rng, 0.3)) is not None]
+        found = bundle_adjustment.adjust(model, made, usual, prior=replace(model, higher=np.zeros(3)))
+        return found.k2_drawn, float(found.parameters.higher[0])
+
+    by_chance = np.array([drawn(0.0, seed)[0] for seed in range(20)])
+    assert 0.5 < np.sqrt(np.mean(by_chance**2)) < 1.5
+    of_any, k2 = np.transpose([drawn(0.05, seed) for seed in range(5)])
+    assert of_any.mean() > BELIEF.unusual
+    assert np.all(np.abs(k2) < 0.5 * usual.higher[0])
 
 
 def residuals(state: CalibrationParameters, link: Link) -> tuple[Array, Array]:

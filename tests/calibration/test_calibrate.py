@@ -66,7 +66,7 @@ def test_a_sweep_that_is_torn_is_said_so() -> None:
 
     def adjusted(torn: int) -> Adjusted:
         inliers = [5 if first <= torn < second and second - first < 6 else 48 for first, second in ends]
-        return Adjusted(model_at(FOCAL, 0.003), 0.3, np.array([*inliers, 50]), SolveReport(True, 3, 1.0))
+        return Adjusted(model_at(FOCAL, 0.003), 0.3, np.array([*inliers, 50]), SolveReport(True, 3, 1.0), 0.0)
 
     require_whole(adjusted(-1), links, kept)
     with pytest.raises(PzcapError, match="of 200 matches across frames 16 and 17 20 agree"):
