@@ -56,13 +56,23 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--axes", help="of TRC, C3D, BVH: our axis along each of the file's, such as y,z,x or x,z,-y")
     parser.add_argument("--unit", choices=[name for name in METRES if len(name) < 3], help="of TRC, C3D, BVH")
     parser.add_argument("--every", type=int, default=1, help="of cameras, only each so many-th frame counts")
-    parser.add_argument("--first-frame", type=int, default=0, help="of TRC, C3D, BVH: the frame that they begin with")
+    parser.add_argument("--first-frame", type=int, help="of TRC, C3D, BVH: the frame that they begin with")
+    parser.add_argument(
+        "--rate", type=_positive, help="of TRC, C3D, BVH: frames a second, where they are not the capture's"
+    )
     return parser
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < np.inf:
+        raise argparse.ArgumentTypeError(f"{text} is no number above 0")
+    return value
 
 
 def _run(options: argparse.Namespace) -> int:
     names = {} if options.joints is None else joint_names(options.joints)
-    said = Conventions(options.axes, options.unit, options.first_frame, names)
+    said = Conventions(options.axes, options.unit, options.first_frame, names, options.rate)
     if options.truth is None:
         if not options.check:
             raise PzcapError("a score needs the truth; give RESULTS TRUTH, or --check RESULTS")

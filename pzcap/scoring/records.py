@@ -51,6 +51,7 @@ class BodyTrack:
     valid: Mask  # (F, 16)
     sigma_m: Array | None  # (F, 16) standard deviation of a joint's distance from the truth
     keyframe: Mask  # (F,) posed by hand: not scored
+    read_by: str | None = None  # axes by which another program's file was read; None: by ours
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,13 +8,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.scoring.misreadings import AXES, UNITS, another_world, axes, better, in_words, scaled
 from pzcap.scoring.records import BodyTrack, TrueCapture
-from pzcap.scoring.suspicions_of_cameras import SHIFTS, UNITS, UP_AXES, better
+from pzcap.scoring.suspicions_of_cameras import SHIFTS
 from pzcap.types import JOINTS, Array, Mask
 
 NEAR_M: Final = 0.03  # joints nearer to the truth than this, in the median, are meant as they are written
 SHIFT_M: Final = 0.01
 """The same for frames that are counted otherwise: somebody who walks is 3 cm further a frame later."""
+FIXED_BY: Final = 12  # joints that fit another world by no chance
 SIDES: Final = tuple(
     JOINTS.index(name.replace("left", "R").replace("right", "left").replace("R", "right")) for name in JOINTS
 )
@@ -33,21 +35,39 @@ def suspicious_body(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int6
         yield f"joints are those {abs(best)} frames {'later' if best > 0 else 'earlier'}: count frames from 0"
         return
     if off <= NEAR_M:
+        yield from _wrong_order(body, true, given)
         yield from _strange_claim(body, given, off)
         return
     size = [float(np.median(np.linalg.norm(joints[given], axis=1))) for joints in (body.joints_m, true)]
-    for scale, unit in UNITS.items():
-        if better(_off(body.joints_m / scale, true, given), off) or abs(size[0] / size[1] / scale - 1.0) < 0.1:
-            yield f"joints lie {scale:.0f} times too far from the origin: {unit}? write metres"
+    for factor, unit in UNITS.items():
+        if scaled(size[0] / size[1], factor, _off(body.joints_m / factor, true, given), off):
+            yield f"joints lie {unit}? write metres"
             return
-    for words, axes in UP_AXES.items():
-        if better(_off(body.joints_m @ axes.T, true, given), off):
-            yield f"joints have other axes ({words}): write z up, as the calibration object has it"
-            return
+    turned = {words: _off(body.joints_m @ turn.T, true, given) for words, turn in AXES.items()}
+    words = min(turned, key=lambda one: turned[one])
+    if better(turned[words], off):
+        yield f"joints have other axes ({words}): {_turn_back(body, AXES[words])}"
+        return
     if better(_off(body.joints_m[:, SIDES], true, given & given[:, SIDES]), _sides_off(body, true, given)):
         yield "left and right joints are exchanged: left is the athlete's own left"
         return
-    yield from _wrong_order(body, true, given)
+    strange = list(_wrong_order(body, true, given))
+    yield from strange or _another_world(body, true, given, off)
+
+
+def _turn_back(body: BodyTrack, turn: Array) -> str:
+    """Advice on joints whose coordinates ``turn`` brings to the world's."""
+    if body.read_by is None or np.linalg.det(turn) < 0.0:
+        return "write z up, as the calibration object has it"
+    return f"say --axes {in_words(turn @ axes(body.read_by))}"
+
+
+def _another_world(body: BodyTrack, true: Array, given: Mask, off: float) -> Iterator[str]:
+    found = another_world(body.joints_m[given], true[given]) if given.sum() >= FIXED_BY else None
+    if found is not None:
+        aligned = _off(found[0].apply(body.joints_m), true, given)
+        if aligned <= NEAR_M and better(aligned, off):
+            yield f"joints are in another world ({found[1]}): write that of the calibration object"
 
 
 def _off(joints_m: Array, true_m: Array, given: Mask) -> float:
@@ -65,7 +85,7 @@ def _sides_off(body: BodyTrack, true_m: Array, given: Mask) -> float:
 def _shifted(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], given: Mask, shift: int) -> float:
     there = frames + shift
     inner = (there >= 0) & (there < len(truth.timecodes))
-    if inner.sum() < 3:
+    if inner.sum() < max(3, len(inner) // 2):
         return np.inf
     return _off(body.joints_m[inner], truth.joints_m[there[inner]], given[inner])
 

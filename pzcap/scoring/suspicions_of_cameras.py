@@ -9,23 +9,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.scoring.misreadings import AXES, UNITS, another_world, better, reordered
 from pzcap.scoring.projection import angle_between, wrapped
 from pzcap.scoring.records import CameraPoses, CameraTrack, TrueCapture
 from pzcap.types import Array
 
-FAR_BETTER: Final = 0.2  # a mistake is named where undoing it leaves this share of the error, or less
-SHIFTS: Final = (-3, -2, -1, 1, 2, 3)
+SHIFTS: Final = tuple(sorted((shift for shift in range(-30, 31) if shift), key=abs))
 TURN_RAD: Final = np.deg2rad(1.0)  # rotations and pans nearer to the truth than this are meant as they are written
+STAND_M: Final = 0.5  # cameras nearer to the truth than this stand where it is meant
 SHIFT_RAD: Final = np.deg2rad(0.02)
 """The same for frames that are counted otherwise: a frame's worth of panning is little."""
 GL_AXES: Final = np.diag([1.0, -1.0, -1.0])
-UP_AXES: Final[dict[str, Array]] = {
-    "y is up, z to the viewer": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
-    "y is up, z forward": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-    "z is down": np.diag([1.0, -1.0, -1.0]),
-}
-"""Coordinates of other conventions to those of the world, z up."""
-UNITS: Final = {1000.0: "millimetres", 100.0: "centimetres"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,23 +40,18 @@ def suspicious_cameras(seen: Sequence[Seen], truth: TrueCapture, own_world: bool
             yield from _strange_focal(one, truth)
         return
     posed = [one for one in seen if one.track.poses is not None]
-    swapped = list(_swapped(posed, truth))
-    yield from swapped
+    elsewhere = list(_elsewhere(posed, truth)) or list(_swapped(posed, truth))
+    yield from elsewhere
     for one in seen:
         yield from _strange_pan(one, truth)
         yield from _strange_focal(one, truth)
         yield from _strange_claim(one, truth)
-        if not swapped:
+        if not elsewhere:
             yield from _strange_frames(one, truth)
-        if one.track.poses is not None and not swapped:
+        if one.track.poses is not None and not elsewhere:
             yield from _strange_pose(one, truth)
             yield from _strange_lens(one, truth)
     yield from _half_pixel(posed, truth)
-
-
-def better(undone: float, as_written: float) -> bool:
-    """True where a mistake, undone, explains nearly all of the error."""
-    return undone < FAR_BETTER * as_written
 
 
 def _true(one: Seen, truth: TrueCapture) -> CameraPoses:
@@ -78,6 +67,46 @@ def _posed(one: Seen) -> tuple[Array, Array]:
 
 def _off(rotation: Array, true: Array) -> float:
     return float(np.median(angle_between(rotation, true)))
+
+
+def _elsewhere(seen: Sequence[Seen], truth: TrueCapture) -> Iterator[str]:
+    """All cameras in a world that is not the calibration object's."""
+    if not seen:
+        return
+    rotation, position = (np.concatenate([_posed(one)[part] for one in seen]) for part in (0, 1))
+    true = [_true(one, truth) for one in seen]
+    true_rotation = np.concatenate([poses.rotation[one.frames] for one, poses in zip(seen, true, strict=True)])
+    true_position = np.concatenate([poses.position_m[one.frames] for one, poses in zip(seen, true, strict=True)])
+    turn, apart = _off(rotation, true_rotation), _apart(position, true_position)
+    if turn <= TURN_RAD and apart <= STAND_M:
+        return
+    for words, axes in AXES.items():
+        turned = _off(axes @ rotation, true_rotation)
+        if (
+            np.linalg.det(axes) > 0.0
+            and better(turned, turn)
+            and better(_apart(position @ axes.T, true_position), apart)
+        ):
+            yield f"the cameras' world has other axes ({words}): write z up, as the calibration object has it"
+            return
+    if len(seen) < 3 or any(abs(_size_of(position) / _size_of(true_position) / factor - 1.0) < 0.2 for factor in UNITS):
+        return
+    found = another_world(position, true_position)
+    if found is not None:
+        similarity, words = found
+        turned = _off(similarity.rotation @ rotation, true_rotation)
+        moved = _apart(similarity.apply(position), true_position)
+        if turned < TURN_RAD and (better(turned, turn) or turn < TURN_RAD) and better(moved, apart):
+            yield f"the cameras' world is another one ({words}): write that of the calibration object"
+
+
+def _size_of(position: Array) -> float:
+    """Median distance from the origin."""
+    return float(np.median(np.linalg.norm(position, axis=1)))
+
+
+def _apart(position: Array, true: Array) -> float:
+    return float(np.median(np.linalg.norm(position - true, axis=1)))
 
 
 def _swapped(seen: Sequence[Seen], truth: TrueCapture) -> Iterator[str]:
@@ -99,16 +128,15 @@ def _strange_pose(one: Seen, truth: TrueCapture) -> Iterator[str]:
     (rotation, position), true = _posed(one), _true(one, truth)
     true_rotation, true_position = true.rotation[one.frames], true.position_m[one.frames]
     turn = _off(rotation, true_rotation)
-    apart = float(np.median(np.linalg.norm(position - true_position, axis=1)))
+    apart = _apart(position, true_position)
     inverse, place = rotation.transpose(0, 2, 1), -np.einsum("fji,fj->fi", rotation, position)
-    ratio = float(np.median(np.linalg.norm(position, axis=1)) / np.median(np.linalg.norm(true_position, axis=1)))
-    for scale, unit in UNITS.items():
-        if abs(ratio / scale - 1.0) < 0.2:
-            yield f"camera {one.name}: stands {scale:.0f} times too far from the origin: {unit}? write metres"
+    ratio = _size_of(position) / _size_of(true_position)
+    for factor, unit in UNITS.items():
+        if abs(ratio / factor - 1.0) < 0.2:
+            yield f"camera {one.name}: stands {unit}? write metres"
             return
     if turn > TURN_RAD and better(_off(inverse, true_rotation), turn):
-        moved = float(np.median(np.linalg.norm(place - true_position, axis=1)))
-        if better(moved, apart):
+        if better(_apart(place, true_position), apart):
             yield f"camera {one.name}: pose is world to camera: write camera to world, and the projection centre"
         else:
             yield f"camera {one.name}: rotation is transposed: write r11 r12 r13 as the first row of camera to world"
@@ -116,9 +144,11 @@ def _strange_pose(one: Seen, truth: TrueCapture) -> Iterator[str]:
     if turn > TURN_RAD and better(_off(rotation @ GL_AXES, true_rotation), turn):
         yield f"camera {one.name}: camera axes are y up, z back: write x right, y down, z forward"
         return
-    for words, axes in UP_AXES.items():
-        moved = float(np.median(np.linalg.norm(position @ axes.T - true_position, axis=1)))
-        if apart > 0.5 and better(moved, apart):
+    if turn > TURN_RAD and better(min(_off(other, true_rotation) for other in reordered(rotation)), turn):
+        yield f"camera {one.name}: rotation is of a quaternion in another order (x y z w, or w x y z): exchange them"
+        return
+    for words, axes in AXES.items():
+        if apart > STAND_M and better(_apart(position @ axes.T, true_position), apart):
             yield f"camera {one.name}: world has other axes ({words}): write z up, as the calibration object has it"
             return
 
@@ -188,7 +218,7 @@ def _strange_frames(one: Seen, truth: TrueCapture) -> Iterator[str]:
     def off(shift: int) -> float:
         there = one.frames + shift
         inner = (there >= 0) & (there < len(truth.timecodes))
-        if inner.sum() < 3:
+        if inner.sum() < max(3, len(inner) // 2):
             return np.inf
         if one.track.poses is not None:
             return _off(_posed(one)[0][inner], _true(one, truth).rotation[there[inner]])

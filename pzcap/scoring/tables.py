@@ -92,6 +92,8 @@ def read_table(path: Path, required: Collection[str], optional: Collection[str])
 
 def _check_columns(path: Path, columns: Sequence[str], required: Collection[str], optional: Collection[str]) -> None:
     known = [*required, *optional]
+    if len(columns) == 1 and any(mark in columns[0] for mark in ";\t"):
+        raise PzcapError(f"{path}: one column, '{columns[0]}'; write commas between columns, and points in numbers")
     for name in columns:
         if name not in known:
             raise PzcapError(f"{path}: unknown column '{name}'; {nearest(name, known)}")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pzcap.scoring.command import REFUSED, SUSPICIOUS, main
 from pzcap.scoring.suspicions import suspicions
@@ -47,6 +48,11 @@ def poses(change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarra
     return edit
 
 
+def requaternioned(rotation: np.ndarray) -> np.ndarray:
+    """The rotation of a quaternion that was written x, y, z, w and read as w, x, y, z."""
+    return Rotation.from_quat(Rotation.from_matrix(rotation).as_quat()[[1, 2, 3, 0]]).as_matrix()
+
+
 def places(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Rows], Rows]:
     def edit(rows: Rows) -> Rows:
         found = [change(np.array([float(row[name]) for name in PLACE])) for row in rows]
@@ -76,6 +82,7 @@ def without(*columns: str) -> Callable[[Rows], Rows]:
 
 
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # (x, y, z) to (x, z, -y)
+Z_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 MIRROR = {n: n.replace("left", "L").replace("right", "left").replace("L", "right") for n in JOINTS}
 SORTED = dict(zip(JOINTS, sorted(JOINTS), strict=True))
 
@@ -140,6 +147,13 @@ SUSPECTS: dict[str, tuple[str, Callable[[Rows], Rows], str]] = {
     "world to camera": ("cameras.csv", poses(lambda r, t: (r.T, -r.T @ t)), "pose is world to camera"),
     "OpenGL axes": ("cameras.csv", poses(lambda r, t: (r * [1, -1, -1], t)), "camera axes are y up"),
     "cameras y up": ("cameras.csv", poses(lambda r, t: (Y_UP @ r, Y_UP @ t)), "world has other axes (y is up"),
+    "quaternions w last": ("cameras.csv", poses(lambda r, t: (requaternioned(r), t)), "quaternion in another order"),
+    "cameras turned": ("cameras.csv", poses(lambda r, t: (Z_TURN @ r, Z_TURN @ t)), "(turned by 90 degrees about z)"),
+    "cameras of another origin": (
+        "cameras.csv",
+        poses(lambda r, t: (Y_UP @ r, 0.3 * (Y_UP @ t) + [1, 2, 3])),
+        "the cameras' world is another one (turned by 90.0 degrees, 0.3 times as large",
+    ),
     "cameras in millimetres": ("cameras.csv", places(lambda t: 1000.0 * t), "1000 times too far"),
     "cameras in centimetres": ("cameras.csv", places(lambda t: 100.0 * t), "100 times too far"),
     "half a pixel": (
@@ -165,12 +179,28 @@ SUSPECTS: dict[str, tuple[str, Callable[[Rows], Rows], str]] = {
     "joints in millimetres": ("joints.csv", places(lambda t: 1000.0 * t), "1000 times too far"),
     "joints y up": ("joints.csv", places(lambda t: Y_UP @ t), "joints have other axes (y is up"),
     "joints z down": ("joints.csv", places(lambda t: t * [1, -1, -1]), "joints have other axes (z is down"),
+    "joints turned": ("joints.csv", places(lambda t: Z_TURN @ t), "(turned by 90 degrees about z)"),
+    "joints turned about": ("joints.csv", places(lambda t: t * [-1, -1, 1]), "(turned by 180 degrees about z)"),
+    "joints mirrored": ("joints.csv", places(lambda t: t * [1, -1, 1]), "mirrored: x, y, z of the world are x, -y, z"),
+    "joints of another origin": ("joints.csv", places(lambda t: np.add(t, (0, 0, 2))), "its middle 2.00 m away"),
+    "joints divided by 1000": ("joints.csv", places(lambda t: 0.001 * t), "1000 times too near"),
+    "joints in tens": ("joints.csv", places(lambda t: 10.0 * t), "10 times too far"),
+    "a knee for the other": (
+        "joints.csv",
+        renamed({"left_knee": "right_knee", "right_knee": "left_knee"}, "joint"),
+        "2 joints lie where others are (left_knee at right_knee)",
+    ),
     "joints in another order": ("joints.csv", renamed(SORTED, "joint"), "joints lie where others are"),
     "left is right": ("joints.csv", renamed(MIRROR, "joint"), "left and right joints are exchanged"),
     "joints a frame late": (
         "joints.csv",
         lambda rows: [r | {"frame": str(int(r["frame"]) - 1)} for r in rows if int(r["frame"]) > 0],
         "joints are those 1 frames later",
+    ),
+    "joints many frames late": (
+        "joints.csv",
+        lambda rows: [r | {"frame": str(int(r["frame"]) - 7)} for r in rows if int(r["frame"]) > 6],
+        "joints are those 7 frames later",
     ),
     "sigma in millimetres": ("joints.csv", every(sigma_m=lambda _: 12.0), "sigma_m is above a metre"),
 }
@@ -284,6 +314,15 @@ def test_rows_with_commas_in_their_numbers_are_refused(tmp_path: Path, capsys: p
     path.write_text("\n".join([lines[0], lines[1].replace(".", ","), *lines[2:]]))
     assert main([str(results), str(truth)]) == REFUSED
     assert "line 2: 10 cells where the first line names 6 columns; numbers have a point" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_other_marks_between_columns_are_named(mark: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    results, truth = written(tmp_path)
+    path = results / "joints.csv"
+    path.write_text(path.read_text().replace(",", mark))
+    assert main([str(results), str(truth)]) == REFUSED
+    assert "write commas between columns" in capsys.readouterr().err
 
 
 def test_a_damaged_truth_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pzcap.io.files import checked
 from pzcap.scoring.readers.conventions import Y_UP, Conventions, about, body, metres
+from pzcap.scoring.readers.times import Asked, Points
 from pzcap.scoring.records import BodyTrack
 from pzcap.types import Array, PzcapError
 
@@ -23,18 +24,20 @@ class Joint:
     channels: tuple[str, ...] = ()
 
 
-def read_bvh(path: Path, frames: int, said: Conventions) -> BodyTrack:
+def read_bvh(path: Path, asked: Asked, said: Conventions) -> BodyTrack:
     """The joints of a BVH file. It names no unit: centimetres, where none is said."""
     try:
         words = checked(path).read_text(encoding="utf-8-sig").replace("{", " { ").replace("}", " } ").split()
         joints, at = _hierarchy(words)
         places = _places(joints, _motion(words, at, sum(len(joint.channels) for joint in joints)))
+        frame_s = float(words[at + 5])
     except (OSError, UnicodeDecodeError) as error:
         raise PzcapError(f"{path}: cannot be read ({error}); write it again") from error
     except (ValueError, IndexError) as error:
         raise PzcapError(f"{path}: is no BVH file ({error}); write it again") from error
     names = [joint.name for joint in joints]
-    return body(path, names, metres(said.unit or "cm", path) * places, frames, said, Y_UP)
+    points = Points(names, metres(said.unit or "cm", path) * places, 1.0 / frame_s if frame_s > 0.0 else None)
+    return body(path, points, asked, said, Y_UP)
 
 
 def _hierarchy(words: list[str]) -> tuple[list[Joint], int]:

@@ -8,11 +8,12 @@ import numpy as np
 
 from pzcap.io.files import checked
 from pzcap.scoring.readers.conventions import Z_UP, Conventions, body, metres
+from pzcap.scoring.readers.times import Asked, Points
 from pzcap.scoring.records import BodyTrack
 from pzcap.types import PzcapError
 
 
-def read_c3d(path: Path, frames: int, said: Conventions) -> BodyTrack:
+def read_c3d(path: Path, asked: Asked, said: Conventions) -> BodyTrack:
     """The points of a C3D file. One with a negative residual, or NaN, is not given."""
     try:
         import ezc3d
@@ -27,4 +28,12 @@ def read_c3d(path: Path, frames: int, said: Conventions) -> BodyTrack:
     places = np.where(residuals[None] < 0.0, np.nan, points[:3]).transpose(2, 1, 0)
     parameters = file["parameters"]["POINT"]
     unit = said.unit or "".join(parameters["UNITS"]["value"][:1])
-    return body(path, parameters["LABELS"]["value"], metres(unit, path) * places, frames, said, Z_UP)
+    first, rate = file["header"]["points"]["first_frame"], [float(value) for value in parameters["RATE"]["value"][:1]]
+    numbers = np.arange(len(places)) + int(first)
+    points = Points(parameters["LABELS"]["value"], metres(unit, path) * places, _rate(rate), numbers)
+    return body(path, points, asked, said, Z_UP)
+
+
+def _rate(values: list[float]) -> float | None:
+    """Frames a second, None where the file does not say."""
+    return values[0] if values and values[0] > 0.0 else None

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from pzcap.scoring import misreadings
+from pzcap.scoring.readers.times import Asked, Points, frames_of
 from pzcap.scoring.records import BodyTrack
 from pzcap.scoring.tables import nearest, read_table
 from pzcap.types import JOINTS, Array, PzcapError
@@ -25,17 +27,21 @@ class Conventions:
 
     axes: str | None = None  # our axis along each of the file's, such as "x,z,-y"
     unit: str | None = None  # of METRES
-    first_frame: int = 0  # the frame of the capture that the file begins with
+    first_frame: int | None = None  # the frame of the capture that the file begins with
     names: Mapping[str, str] = field(default_factory=dict)  # the file's names of joints -> ours; none: they are ours
+    rate: float | None = None  # frames a second; None: as the file says, which has to be the capture's
 
 
 def joint_names(path: Path) -> dict[str, str]:
     """The table of joint names at ``path``: columns ``theirs`` and ``joint``."""
     names: dict[str, str] = {}
     for row in read_table(path, ("theirs", "joint"), ())[1]:
-        if row.cells["joint"] not in JOINTS:
-            raise row.wrong(f"no joint '{row.cells['joint']}'; {nearest(row.cells['joint'], JOINTS)}")
-        names[row.cells["theirs"]] = row.cells["joint"]
+        theirs, joint = row.cells["theirs"], row.cells["joint"]
+        if joint not in JOINTS:
+            raise row.wrong(f"no joint '{joint}'; {nearest(joint, JOINTS)}")
+        if theirs in names or joint in names.values():
+            raise row.wrong(f"'{theirs if theirs in names else joint}' is there twice; give each name once")
+        names[theirs] = joint
     return names
 
 
@@ -44,9 +50,7 @@ def axes(text: str) -> Array:
     parts = [part.strip() for part in text.split(",")]
     if sorted(part.lstrip("+-") for part in parts) != ["x", "y", "z"]:
         raise PzcapError(f"axes {text}: name our axis along each of the file's, such as y,z,x or x,z,-y")
-    turn = np.zeros((3, 3))
-    for column, part in enumerate(parts):
-        turn["xyz".index(part.lstrip("+-")), column] = -1.0 if part.startswith("-") else 1.0
+    turn = misreadings.axes(text)
     if np.linalg.det(turn) < 0.0:
         raise PzcapError(f"axes {text}: these are mirrored; turn the sign of one")
     return turn
@@ -59,32 +63,28 @@ def metres(unit: str, path: Path) -> float:
     return METRES[unit.lower()]
 
 
-def body(
-    path: Path, names: Sequence[str], places_m: Array, frames: int, said: Conventions, customary: str
-) -> BodyTrack:
-    """The joints of a file, of which ``places_m`` (T, N, 3) are named ``names``, in the capture's ``frames``.
+def body(path: Path, points: Points, asked: Asked, said: Conventions, customary: str) -> BodyTrack:
+    """The joints of a file, in the capture's frames.
 
-    Raises PzcapError if no name is known, or the file has frames beyond the capture's.
+    Raises PzcapError if no name is known or one of the table is missing, or for frames that are not the capture's.
     """
-    table = said.names or {name: name for name in JOINTS}
-    index = {name: number for number, name in enumerate(names)}
+    table, index = said.names or {name: name for name in JOINTS}, {name: at for at, name in enumerate(points.names)}
     if not set(table) & set(index):
-        raise PzcapError(
-            f"{path}: none of its joints ({', '.join(list(names)[:4])}, ...) is known; map them with --joints TABLE.csv"
-        )
-    last = said.first_frame + len(places_m)
-    if last > frames:
-        raise PzcapError(f"{path}: {len(places_m)} frames from {said.first_frame} on, of {frames}; see --first-frame")
-    at = slice(said.first_frame, last)
-    joints, valid = np.zeros((frames, len(JOINTS), 3)), np.zeros((frames, len(JOINTS)), bool)
-    turned = places_m @ axes(said.axes or customary).T
+        some = ", ".join(list(points.names)[:4])
+        raise PzcapError(f"{path}: none of its joints ({some}, ...) is known; map them with --joints TABLE.csv")
+    for theirs in said.names:
+        if theirs not in index:
+            raise PzcapError(f"{path}: no '{theirs}', which the table of joints names; {nearest(theirs, index)}")
+    rows, frames = frames_of(path, points, asked, said.first_frame, said.rate)
+    joints, valid = np.zeros((asked.frames, len(JOINTS), 3)), np.zeros((asked.frames, len(JOINTS)), bool)
+    turned = points.places_m[rows] @ axes(said.axes or customary).T
     for theirs, ours in table.items():
         if theirs in index:
             joint = JOINTS.index(ours)
             place = turned[:, index[theirs]]
             known = np.all(np.isfinite(place), axis=1)
-            joints[at, joint], valid[at, joint] = np.where(known[:, None], place, 0.0), known
-    return BodyTrack(joints, valid, None, np.zeros(frames, bool))
+            joints[frames, joint], valid[frames, joint] = np.where(known[:, None], place, 0.0), known
+    return BodyTrack(joints, valid, None, np.zeros(asked.frames, bool), said.axes or customary)
 
 
 def about(axis: int, angle_rad: Array | float) -> Array:

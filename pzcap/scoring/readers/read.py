@@ -11,6 +11,7 @@ from pzcap.scoring.readers.c3d import read_c3d
 from pzcap.scoring.readers.colmap import read_colmap
 from pzcap.scoring.readers.conventions import Conventions
 from pzcap.scoring.readers.soccernet import is_soccernet, read_soccernet
+from pzcap.scoring.readers.times import Asked
 from pzcap.scoring.readers.trc import read_trc
 from pzcap.scoring.records import Results, TrueCapture
 from pzcap.types import PzcapError
@@ -34,6 +35,6 @@ def read(path: Path, truth: TrueCapture | None, said: Conventions) -> Results:
     if truth is None:
         raise PzcapError(f"{path}: says not how many frames and cameras there are; give the truth as well")
     frames, names = len(truth.timecodes), truth.camera_names
-    body = None if reader is None else reader(path, frames, said)
+    body = None if reader is None else reader(path, Asked(frames, truth.frame_rate), said)
     tracks = (None,) * len(names) if reader else (read_colmap if colmap else read_soccernet)(path, names, frames)
     return Results(path.stem, truth.name, frames, None, None, names, tracks, body)

@@ -8,11 +8,12 @@ import numpy as np
 
 from pzcap.io.files import checked
 from pzcap.scoring.readers.conventions import Y_UP, Conventions, body, metres
+from pzcap.scoring.readers.times import Asked, Points
 from pzcap.scoring.records import BodyTrack
 from pzcap.types import PzcapError
 
 
-def read_trc(path: Path, frames: int, said: Conventions) -> BodyTrack:
+def read_trc(path: Path, asked: Asked, said: Conventions) -> BodyTrack:
     """The joints of a TRC file. A blank cell, or NaN, is a joint that is not given."""
     try:
         lines = [line.rstrip("\r") for line in checked(path).read_text(encoding="utf-8-sig").split("\n")]
@@ -23,18 +24,31 @@ def read_trc(path: Path, frames: int, said: Conventions) -> BodyTrack:
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     names = [name.strip() for name in lines[3].split("\t")[2:] if name.strip()]
     rows: list[list[float]] = []
+    numbers: list[int] = []
     for number, line in enumerate(lines[5:], start=6):
         if not line.strip():
             if rows:
                 break
             continue  # a blank line between the names and the numbers is customary
-        cells = line.split("\t")[2:]
+        first, *cells = line.split("\t")
+        del cells[:1]  # the time
         cells += [""] * (3 * len(names) - len(cells))
         try:
+            numbers.append(int(float(first)))
             rows.append([float(cell) if cell.strip() else np.nan for cell in cells[: 3 * len(names)]])
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise PzcapError(f"{path} line {number}: {error}; write numbers, tabs between") from error
     if not rows:
         raise PzcapError(f"{path}: holds no frame; write it again")
     scale = metres(said.unit or header.get("Units", ""), path)
-    return body(path, names, scale * np.array(rows).reshape(len(rows), -1, 3), frames, said, Y_UP)
+    places = scale * np.array(rows).reshape(len(rows), -1, 3)
+    return body(path, Points(names, places, _rate(header.get("DataRate", "")), np.array(numbers)), asked, said, Y_UP)
+
+
+def _rate(text: str) -> float | None:
+    """Frames a second, None where the file does not say."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if value > 0.0 else None
