@@ -133,7 +133,7 @@ def test_a_place_that_cannot_be_sought_is_damage(motion: Path, monkeypatch: pyte
     monkeypatch.setattr(
         VideoReader, "_open", lambda _: mock.MagicMock(**{"__enter__.return_value.seek": failing(lost)})
     )
-    monkeypatch.setattr(VideoReader, "_stream", lambda *_: None)
+    monkeypatch.setattr(VideoReader, "_stream", lambda *_: mock.MagicMock(time_base=Fraction(1, 15360)))
     with pytest.raises(PzcapError, match=r"motion\.mp4: the video is truncated or damaged at frame 3"):
         next(reader.read(3))
 
