@@ -50,6 +50,8 @@ class AppConfig:
     """Or "paper"; stands at reconstruct.panzoom.method, too."""
     estimator: str | None = None
     """Module:function in place of the pipeline (docs/estimators.md)."""
+    settings: dict[str, Any] = field(default_factory=dict)
+    """Keyword arguments of that function, such as +settings.ratio=0.8."""
     capture: str | None = None
     """A capture folder made by anyone (docs/capture.md); null: shoot one."""
     cameras: str | None = None

@@ -175,6 +175,8 @@ def _explain_override(error: HydraException | OmegaConfBaseException, config: ty
     unknown = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
     if unknown is not None:
         key = unknown.group(1)
+        if key.startswith("settings."):
+            return f"unknown key '{key}'; settings of an estimator are added: +{key}=VALUE"
         hydra = {"hydra": OmegaConf.to_container(OmegaConf.structured(HydraConf))}
         known = keys(hydra) if key.startswith("hydra.") else ["experiment", *keys(default_tree(config))]
         return f"unknown key '{key}'; {nearest(key, known)}"

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -34,8 +36,11 @@ _KINDS: Final = {"valid": np.bool_, "inliers": np.int64}
 """Type of an array's numbers, where it is not float64."""
 
 
-def find(name: str) -> Estimator:
-    """The function that ``module:function`` names. PzcapError, in one line, where there is none."""
+def find(name: str, settings: Mapping[str, Any] | None = None) -> Estimator:
+    """The function that ``module:function`` names, with its keyword arguments set to ``settings``.
+
+    PzcapError, in one line, where there is none, or none that takes them.
+    """
     module_name, colon, function_name = name.partition(":")
     if not (module_name and colon and function_name):
         raise PzcapError(f"estimator={name}: give module:function, such as my_lab.trackers:follow {GUIDE}")
@@ -52,7 +57,22 @@ def find(name: str) -> Estimator:
         known = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
         hint = nearest(function_name, known) if known else "it holds no function"
         raise PzcapError(f"estimator={name}: no function '{function_name}' in {module_name}; {hint}")
-    return found
+    return partial(found, **_taken(name, found, settings)) if settings else found
+
+
+def _taken(name: str, function: Callable[..., Any], settings: Mapping[str, Any]) -> Mapping[str, Any]:
+    """``settings``, all of which the function takes. PzcapError where it does not."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # of a function in C nobody knows
+        return settings
+    kinds = [parameter.kind for parameter in signature.parameters.values()]
+    known = [one.name for one in list(signature.parameters.values())[1:]]
+    for key in settings:
+        if key not in known and inspect.Parameter.VAR_KEYWORD not in kinds:
+            hint = nearest(key, known) if known else "it takes the capture alone"
+            raise PzcapError(f"estimator={name}: takes no setting '{key}'; {hint} {GUIDE}")
+    return settings
 
 
 def source(name: str) -> Path | None:

@@ -70,7 +70,9 @@ class Reconstructed:
 def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console) -> list[Metric]:
     """Everything from the shoot to the report, into ``folder``. PzcapError for what the user can mend."""
     start = time.perf_counter()
-    estimator = None if config.estimator is None else estimators.find(config.estimator)
+    if config.settings and config.estimator is None:
+        raise PzcapError("settings are those of an estimator of one's own; say estimator=module:function, too")
+    estimator = None if config.estimator is None else estimators.find(config.estimator, config.settings)
     if estimator is not None and config.cameras is not None:
         raise PzcapError("an estimator finds the cameras itself; leave out cameras=... or estimator=...")
     cameras = None if config.cameras is None else results.load(footage.reconstruction_in(Path(config.cameras)))

@@ -127,7 +127,7 @@ def changed(path: str, value: Any) -> dict[str, Any]:
         ("output.report", 1, "output.report: 1 is not true or false"),
         ("shoot.sensor.read_nois", 1.0, "unknown key 'shoot.sensor.read_nois'; did you mean shoot.sensor.read_noise"),
         ("recontruct", {}, "unknown key 'recontruct'; did you mean reconstruct"),
-        ("xyz", 1, "the keys are cameras, capture, estimator, method, output, reconstruct, seed, shoot"),
+        ("xyz", 1, "the keys are cameras, capture, estimator, method, output, reconstruct, seed, settings, shoot"),
         ("reconstruct.panzoom.method", "guess", "'guess'"),
     ],
 )

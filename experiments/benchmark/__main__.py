@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from experiments.benchmark import board, make, score
+from experiments.benchmark import board, make, score, theirs
 from experiments.config import nearest
 from experiments.errors import AlreadyReported, guard
 from pzcap.types import PzcapError
@@ -40,12 +40,20 @@ def _known(arguments: list[str], keys: Mapping[str, str]) -> dict[str, str]:
 
 
 def _score(arguments: list[str]) -> None:
-    values = _known(arguments, WHERE | {"methods": "", "again": "false", "results": "", "entry": ""})
+    theirs_keys = dict.fromkeys(("results", "estimator", "entry", *theirs.CONVENTIONS), "")
+    values = _known(arguments, WHERE | {"methods": "", "again": "false"} | theirs_keys)
     folder = Path(values["out"]) / values["release"] / values["split"]
-    if bool(values["results"]) != bool(values["entry"]):
-        raise PzcapError("results=FOLDER and entry=DESCRIPTION.json go together (docs/benchmark.md); give both or none")
+    entry, given = Path(values["entry"]), [key for key in ("results", "estimator") if values[key]]
+    if len(given) != bool(values["entry"]):
+        raise PzcapError(
+            "results=FOLDER and entry=DESCRIPTION.json go together, or estimator=MODULE:FUNCTION and entry= "
+            "(docs/benchmark.md); give both, or none for the methods of this tree"
+        )
+    said = theirs.conventions(values)
     if values["results"]:
-        made = [score.score_results(folder, Path(values["results"]), Path(values["entry"]))]
+        made = [theirs.score_results(folder, Path(values["results"]), entry, said)]
+    elif values["estimator"]:
+        made = [theirs.score_estimator(folder, values["estimator"], entry)]
     else:
         names = [name for name in values["methods"].strip("[]").split(",") if name]
         made = score.score_methods(folder, names, values["again"] == "true")

@@ -41,6 +41,7 @@ HEADS: Final = {
 """A star stands for: after the one rotation a camera, or the similarity of the motion, that suits it best."""
 FAILS: Final = {"deg": 1.0, "mm": 100.0}
 """A method fails where it answers less than half, or where its main error is larger than this."""
+HALF: Final = 50.0  # percent
 CLAIMS: Final = {
     "reproduced": "run by whoever runs this board",
     "code public": "its code is there for anybody to run",
@@ -108,7 +109,7 @@ def _failures(name: str, entries: Sequence[Mapping[str, Any]], axes: Sequence[Ax
     def fails(entry: Mapping[str, Any], capture: str) -> bool:
         found = entry["scores"][name].get(capture, {})
         error, limit = found.get(main), FAILS[entry["units"].get(main, ["mm"])[0]]
-        return error is None or error > limit or (found.get(complete) or 0.0) < 50.0
+        return error is None or error > limit or (found.get(complete) or 0.0) < HALF
 
     rows = []
     for entry in _entered(entries, name):
@@ -121,14 +122,19 @@ def _failures(name: str, entries: Sequence[Mapping[str, Any]], axes: Sequence[Ax
 
 
 def _entered(entries: Sequence[Mapping[str, Any]], track: str) -> list[Mapping[str, Any]]:
-    """The entries of a track, best first: by completeness where one is far from whole, then by the second column."""
+    """The entries of a track, best first by its second column; behind them those that answer less than half."""
     key = TRACKS[track].columns[1]
 
-    def rank(entry: Mapping[str, Any]) -> tuple[bool, float]:
+    def rank(entry: Mapping[str, Any]) -> tuple[bool, bool, float]:
         value = entry["means"][track].get(key)
-        return value is None, float("inf") if value is None else float(value)
+        return value is None, not _answers(entry, track), float("inf") if value is None else float(value)
 
     return sorted((entry for entry in entries if track in entry["tracks"]), key=rank)
+
+
+def _answers(entry: Mapping[str, Any], track: str) -> bool:
+    """True where a method answers half of what a track asks, or more."""
+    return float(entry["means"][track].get(TRACKS[track].columns[0]) or 0.0) >= HALF
 
 
 def _table(name: str, track: Track, entries: Sequence[Mapping[str, Any]], place: Path) -> dict[str, Any]:
@@ -139,7 +145,7 @@ def _table(name: str, track: Track, entries: Sequence[Mapping[str, Any]], place:
         means = entry["means"][name]
         cells = [
             {"text": _text(entry, column, means.get(column)), "best": means.get(column) is not None
-             and means[column] == best[column]}
+             and means[column] == best[column] and _answers(entry, name)}
             for column in track.columns
         ]  # fmt: skip
         pictures = [one for one in entry["worst"].get(name, []) if (place / one.get("picture", "?")).is_file()]
@@ -174,7 +180,7 @@ def _text(entry: Mapping[str, Any], column: str, value: float | None) -> str:
 
 
 def _best(entered: Sequence[Mapping[str, Any]], track: str, column: str) -> float | None:
-    values = [entry["means"][track].get(column) for entry in entered]
+    values = [entry["means"][track].get(column) for entry in entered if _answers(entry, track)]
     known = [float(value) for value in values if value is not None]
     if len(known) < 2 or column in ("panzoom.nees", "body.covered"):  # of these it is not the least that is best
         return None

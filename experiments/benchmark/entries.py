@@ -36,6 +36,8 @@ WORST: Final = 3
 APART: Final = 10
 """Frames between two of the body's: what is next to the worst looks like it."""
 
+PLAIN: Final = Conventions()
+
 Claim = Literal["reproduced", "code public", "claimed"]
 
 
@@ -94,17 +96,20 @@ def check(description: Description, where: str) -> Description:
     return description
 
 
-def entry_of(description: Description, predictions: Path, truth: Path, split: Mapping[str, Any]) -> dict[str, Any]:
-    """The entry of a method whose results of all captures lie in ``predictions``.
+def entry_of(
+    description: Description, predictions: Path, truth: Path, split: Mapping[str, Any], said: Conventions = PLAIN
+) -> dict[str, Any]:
+    """The entry of a method whose results of all captures lie in ``predictions``, folders or other programs' files.
 
-    ``split`` is what `make.described` says. Raises PzcapError for results that are refused, as `pzcap-score` does.
+    ``split`` is what `make.described` says, ``said`` what such files leave open. Raises PzcapError for results that are
+    refused, as `pzcap-score` does.
     """
     found: dict[str, dict[str, list[Metric]]] = {track: {} for track in description.tracks}
     warnings: list[str] = []
     worst: dict[str, list[WorstFrame]] = {track: [] for track in description.tracks}
     for name, (results, folder) in captures(predictions, truth).items():
         true = read_truth(folder)
-        given = None if results is None else read(results, true, Conventions())
+        given = None if results is None else read(results, true, said)
         if given is not None:
             warnings += [f"{name}: {line}" for line in suspicions(given, true)]
         for track in description.tracks:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -92,9 +93,13 @@ def _run(options: argparse.Namespace) -> int:
     if options.check:
         return status
     totals = next(iter(found.values())) if len(found) == 1 else over(found)
-    _print(totals, len(found))
     if options.json is not None:
         _write(options.json, totals, found if len(found) > 1 else {})
+    try:
+        _print(totals, len(found))
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever reads has read enough, such as head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return status
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pzcap.scoring.misreadings import AXES, UNITS, another_world, axes, better, in_words, scaled
 from pzcap.scoring.records import BodyTrack, TrueCapture
-from pzcap.scoring.suspicions_of_cameras import SHIFTS
+from pzcap.scoring.suspicions_of_cameras import SHIFTS, enough
 from pzcap.types import JOINTS, Array, Mask
 
 NEAR_M: Final = 0.03  # joints nearer to the truth than this, in the median, are meant as they are written
@@ -85,7 +85,7 @@ def _sides_off(body: BodyTrack, true_m: Array, given: Mask) -> float:
 def _shifted(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], given: Mask, shift: int) -> float:
     there = frames + shift
     inner = (there >= 0) & (there < len(truth.timecodes))
-    if inner.sum() < max(3, len(inner) // 2):
+    if np.any(given[inner], axis=1).sum() < enough(shift, np.any(given, axis=1).sum()):
         return np.inf
     return _off(body.joints_m[inner], truth.joints_m[there[inner]], given[inner])
 

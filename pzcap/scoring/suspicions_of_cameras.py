@@ -54,6 +54,11 @@ def suspicious_cameras(seen: Sequence[Seen], truth: TrueCapture, own_world: bool
     yield from _half_pixel(posed, truth)
 
 
+def enough(shift: int, frames: int) -> int:
+    """Frames, of so many, that have to be left of a shift that is to be believed: of a long one more."""
+    return max(3 if abs(shift) <= 3 else 10, frames // 2)
+
+
 def _true(one: Seen, truth: TrueCapture) -> CameraPoses:
     poses = truth.cameras[one.true].track.poses
     assert poses is not None
@@ -218,7 +223,7 @@ def _strange_frames(one: Seen, truth: TrueCapture) -> Iterator[str]:
     def off(shift: int) -> float:
         there = one.frames + shift
         inner = (there >= 0) & (there < len(truth.timecodes))
-        if inner.sum() < max(3, len(inner) // 2):
+        if inner.sum() < enough(shift, len(inner)):
             return np.inf
         if one.track.poses is not None:
             return _off(_posed(one)[0][inner], _true(one, truth).rotation[there[inner]])

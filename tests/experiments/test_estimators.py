@@ -107,6 +107,31 @@ def test_a_sweep_over_estimators_goes_on_where_it_was(
     assert re.search(r"python -m experiments\.run \S*estimator=tests\.scenes\.biased\S*perfect_motion\S* ", page)
 
 
+def test_its_settings_are_swept(
+    pzcap_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    quick = ["output.recording=false", "output.report=false", f"capture={pzcap_capture}", f"hydra.sweep.dir={tmp_path}"]
+    off = ["estimator=tests.scenes.biased:tracks_off", "+settings.by_deg=0.0,0.5"]
+    monkeypatch.setattr("sys.argv", ["run", "-m", *off, *quick])
+    GlobalHydra.instance().clear()
+    assert run.main() == 0
+    found = [read_metrics(path)[0] for path in sorted((tmp_path / "floor_exercise").glob("*/metrics.json"))]
+    pans = [next(metric.value for metric in some if metric.key == "panzoom.pan.rms") for some in found]
+    assert pans == [pytest.approx(0.0), pytest.approx(0.5)]
+    assert "settings.by_deg" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    capsys.readouterr()
+    for wrong, says in (
+        ([off[0], "+settings.by_dg=1"], "takes no setting 'by_dg'; did you mean by_deg?"),
+        ([off[0], "settings.by_deg=1"], "are added: +settings.by_deg=VALUE"),
+        (["estimator=tests.scenes.biased:perfect_tracks", "+settings.x=1"], "it takes the capture alone"),
+        (["+settings.x=1"], "settings are those of an estimator of one's own"),
+    ):
+        monkeypatch.setattr("sys.argv", ["run", *wrong, *quick[:3], f"hydra.run.dir={tmp_path / 'wrong'}"])
+        GlobalHydra.instance().clear()
+        assert run.main() == 1
+        assert says in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("name", "says"),
     [

@@ -38,6 +38,10 @@ def perfect_tracks(capture: Capture) -> list[PanZoomTrack | None]:
     ]
 
 
+def tracks_off(capture: Capture, by_deg: float = 0.0) -> list[PanZoomTrack | None]:
+    return [None if t is None else replace(t, pan_rad=t.pan_rad + np.deg2rad(by_deg)) for t in perfect_tracks(capture)]
+
+
 def perfect_motion(capture: Capture) -> Motion:
     truth = truth_of(capture)
     frames = len(truth.timecodes)

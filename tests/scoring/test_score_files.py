@@ -323,3 +323,17 @@ def test_a_track_may_ask_for_some_frames_only() -> None:
     assert {k: v for k, v in found.items() if "panzoom" in k} == {k: v for k, v in whole.items() if "panzoom" in k}
     with pytest.raises(PzcapError, match="every is 0"):
         thinned(truth, 0)
+
+
+def test_a_reader_that_has_read_enough_is_no_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results, truth = plain.written(tmp_path)
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w") as closed:
+        monkeypatch.setattr(sys, "stdout", closed)
+        assert main([str(results), str(truth), "--json", str(tmp_path / "x.json")]) == 0
+        monkeypatch.undo()
+    assert capsys.readouterr().err == ""
+    assert (tmp_path / "x.json").is_file()

@@ -163,6 +163,26 @@ def test_the_tables_show_the_entries_best_first(page: Path, folder: Path) -> Non
     assert page.read_text().count("Nobody has entered yet.") == len(TRACKS) - 2
 
 
+def test_who_answers_next_to_nothing_stands_behind_and_is_never_the_best(folder: Path, tmp_path: Path) -> None:
+    """The joints of one frame, and right: an error of next to nothing."""
+    place = tmp_path / "dev"
+    shutil.copytree(folder, place)
+    content = splits.split(place)
+    results = splits.results(place, "few", 1.0)
+    for name in splits.CAPTURES:
+        shutil.copy(place / "truth" / name / "joints.csv", results / name / "joints.csv")
+        plain.edited(results / name / "joints.csv", lambda rows: [row for row in rows if row["frame"] == "7"])
+    few = Description("few", "Few frames", ("everything",))
+    write_entry(place / "entries" / "few.json", entry_of(few, results, place / "truth", content))
+    shown = Page(board.write(place, place / "entries"))
+    labels = [row[0].split()[0] for row in shown.tables[0][1:]]
+    assert labels == ["pzcap", "Few"]
+    assert (
+        'class="best"'
+        not in (place / "board" / "index.html").read_text().split('id="everything-few"')[1].split("</tr>")[0]
+    )
+
+
 def test_what_breaks_which_method_has_an_axis_of_what_differs_alone(page: Path, folder: Path) -> None:
     content = json.loads((folder / "captures.json").read_text())
     axes = {axis.name: axis for axis in board.axes_of(content)}

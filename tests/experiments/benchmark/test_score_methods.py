@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from experiments.benchmark import __main__ as command
-from experiments.benchmark import score, worst
+from experiments.benchmark import score, theirs, worst
 from experiments.benchmark.methods.given import Answered, Given
 from experiments.benchmark.methods.rows import METHODS, RUNS
 from experiments.benchmark.tracks import TRACKS
 from pzcap.scoring.files import read_results
-from pzcap.types import Image, PzcapError
+from pzcap.types import JOINTS, Array, Image, PzcapError, Reconstruction
 from tests.scenes import plain, splits
 
 CAPTURES = list(splits.CAPTURES)
@@ -114,6 +114,67 @@ def test_the_command_takes_anybodys_results_and_makes_the_board(
     assert "unknown argument 'colour=red'" in said("board", *where, "colour=red")[2]
     assert "no command 'bord'; did you mean board" in said("bord")[2]
     assert "make it first" in said("board", "release=9.9", "split=none", f"out={folder.parents[1]}")[2]
+
+
+def write_trc(path: Path, joints_m: Array) -> None:
+    """Joints under names in capitals, in the axes of Pose2Sim."""
+    head = ["PathFileType\t4\t(X/Y/Z)\tx.trc", "DataRate\tUnits", "30\tmm",
+            "Frame#\tTime\t" + "\t\t\t".join(name.upper() for name in JOINTS), "\t\tX1"]  # fmt: skip
+    places = 1000.0 * joints_m[:, :, [1, 2, 0]]
+    path.write_text("\n".join([*head, *("\t".join(map(str, (n + 1, 0, *p.ravel()))) for n, p in enumerate(places))]))
+
+
+def test_files_of_other_programs_are_entered_as_they_are(folder: Path, tmp_path: Path) -> None:
+    for name in CAPTURES:
+        write_trc(tmp_path / f"{name}.trc", plain.good()[1].joints_m + 0.02)
+    (tmp_path / "names.csv").write_text("theirs,joint\n" + "".join(f"{name.upper()},{name}\n" for name in JOINTS))
+    about = tmp_path / "p2s.json"
+    about.write_text(json.dumps({"key": "p2s", "label": "Pose2Sim", "tracks": ["everything"]}))
+    said = dict.fromkeys(theirs.CONVENTIONS, "")
+    with pytest.raises(PzcapError, match="none of its joints"):
+        theirs.score_results(folder, tmp_path, about, theirs.conventions(said))
+    said = theirs.conventions(said | {"joints": str(tmp_path / "names.csv"), "rate": "30", "first_frame": "0"})
+    path = theirs.score_results(folder, tmp_path, about, said)
+    entry = json.loads(path.read_text())
+    assert entry["means"]["everything"]["body.mpjpe.mean"] == pytest.approx(20.0 * np.sqrt(3.0), rel=1e-3)
+    assert all((path.parent / one["picture"]).is_file() for one in entry["worst"]["everything"])
+    assert (path.parent / entry["recording"]).is_file()
+    assert entry["predictions_sha256"]
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [({"unit": "inch"}, "give m, cm or mm"), ({"rate": "fast"}, "give numbers"), ({"rate": "-1"}, "above 0")],
+)
+def test_conventions_that_cannot_be_are_refused(values: dict[str, str], line: str) -> None:
+    with pytest.raises(PzcapError, match=line):
+        theirs.conventions(dict.fromkeys(theirs.CONVENTIONS, "") | values)
+
+
+def test_an_estimator_of_anyones_is_run_on_the_footage(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = plain.perfect()[0]
+
+    def estimated(_estimator: object, capture: str, name: str) -> Reconstruction:
+        if capture == CAPTURES[1]:
+            raise PzcapError(f"estimator {name}: has seen nothing")
+        return replace(plain.noisy(whole), cameras=(None,) * 4)
+
+    monkeypatch.setattr(theirs.estimators, "estimate", estimated)
+    monkeypatch.setattr(theirs, "read_capture", lambda path: path.name)
+    about = tmp_path / "lab.json"
+    about.write_text(json.dumps({"key": "lab", "label": "A lab's", "tracks": ["cameras"]}))
+    path = theirs.score_estimator(folder, "tests.scenes.biased:perfect_tracks", about)
+    entry = json.loads(path.read_text())
+    assert f"{CAPTURES[1]}: estimator tests.scenes.biased:perfect_tracks: has seen nothing" in capsys.readouterr().err
+    assert entry["means"]["cameras"]["panzoom.completeness"] == 75.0
+    assert entry["machine"]
+    assert entry["seconds"] >= 0.0
+    assert read_results(folder / "results" / "lab" / CAPTURES[0]).method == "A lab's"
+    about.write_text(about.read_text().replace('"lab"', '"ours"'))
+    with pytest.raises(PzcapError, match="key 'ours' is that of a method of this tree"):
+        theirs.score_estimator(folder, "tests.scenes.biased:perfect_tracks", about)
 
 
 def test_every_method_has_a_run_and_tracks() -> None:
