@@ -12,7 +12,7 @@ import numpy as np
 from pzcap.scoring import misreadings
 from pzcap.scoring.readers.times import Asked, Points, frames_of
 from pzcap.scoring.records import BodyTrack
-from pzcap.scoring.tables import nearest, read_table
+from pzcap.scoring.tables import LARGEST, nearest, read_table
 from pzcap.types import JOINTS, Array, PzcapError
 
 METRES: Final = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
@@ -90,7 +90,7 @@ def body(path: Path, points: Points, asked: Asked, said: Conventions, customary:
         if theirs in index:
             joint = JOINTS.index(ours)
             place = turned[:, index[theirs]]
-            known = np.all(np.isfinite(place), axis=1)
+            known = np.all(np.abs(place) <= LARGEST, axis=1)
             joints[frames, joint], valid[frames, joint] = np.where(known[:, None], place, 0.0), known
     return BodyTrack(joints, valid, None, np.zeros(asked.frames, bool), said.axes or customary)
 
