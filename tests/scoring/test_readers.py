@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -268,6 +269,8 @@ TRC_MISTAKES = {
     "decimal commas in numbers": (lambda t: t[:400] + t[400:].replace(".", ","), "points in numbers, not commas"),
     "decimal comma in the rate": (lambda t: t.replace("\r\n30\t", "\r\n60,0\t"), "60 frames a second where"),
     "no rate": (lambda t: t.replace("\r\n30\t", "\r\nfast\t"), "DataRate is 'fast'"),
+    "no names": (lambda t: re.sub("(Time|\n[0-9]+\t0[.][0-9]+)[^\r]*", r"\1", t), "names no joint"),
+    "no frame": (lambda t: t[: t.index("\r\n1\t0.0")] + "\r\n\r\n", "holds no frame"),
     "no tabs": (lambda t: t.replace("\t", " "), "line 7: one cell, '1 0.0 "),
 }
 
@@ -306,3 +309,16 @@ def test_where_nothing_is_scored_a_line_says_what_to_give(truth: TrueCapture, tm
     (tmp_path / "results.json").write_text("{}")
     with pytest.raises(PzcapError, match="are of TRC, C3D and BVH; this is none"):
         read(tmp_path, truth, Conventions(unit="mm"))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", ["inf", "-1e400", "1e200"])
+def test_a_number_that_is_no_place_is_a_joint_without_an_answer(truth: TrueCapture, tmp_path: Path, value: str) -> None:
+    write_trc(tmp_path / "x.trc", truth.joints_m)
+    lines = (tmp_path / "x.trc").read_text().split("\n")
+    lines[8] = "\t".join([*lines[8].split("\t")[:2], value, *lines[8].split("\t")[3:]])
+    (tmp_path / "x.trc").write_text("\n".join(lines))
+    body = read(tmp_path / "x.trc", truth, PLAIN).body
+    assert body is not None
+    np.testing.assert_array_equal(np.argwhere(~body.valid), [[2, 0]])
+    assert suspicions(read(tmp_path / "x.trc", truth, PLAIN), truth) == []

@@ -74,6 +74,8 @@ def body(path: Path, points: Points, asked: Asked, said: Conventions, customary:
     Raises PzcapError if no name is known or one of the table is missing, or for frames that are not the capture's.
     """
     table, index = said.names or {name: name for name in JOINTS}, {name: at for at, name in enumerate(points.names)}
+    if not any(points.names):
+        raise PzcapError(f"{path}: names no joint; write their names in its header")
     if not set(table) & set(index):
         some = ", ".join(list(points.names)[:4])
         raise PzcapError(f"{path}: none of its joints ({some}, ...) is known; map them with --joints TABLE.csv")
@@ -85,12 +87,13 @@ def body(path: Path, points: Points, asked: Asked, said: Conventions, customary:
         raise PzcapError(f"{path}: names '{twice[0]}' twice; give each joint a name of its own")
     rows, frames = frames_of(path, points, asked, said.first_frame, said.rate)
     joints, valid = np.zeros((asked.frames, len(JOINTS), 3)), np.zeros((asked.frames, len(JOINTS)), bool)
-    turned = points.places_m[rows] @ axes(said.axes or customary).T
+    places = np.where(np.abs(points.places_m[rows]) <= LARGEST, points.places_m[rows], np.nan)
+    turned = places @ axes(said.axes or customary).T
     for theirs, ours in table.items():
         if theirs in index:
             joint = JOINTS.index(ours)
             place = turned[:, index[theirs]]
-            known = np.all(np.abs(place) <= LARGEST, axis=1)
+            known = np.all(np.isfinite(place), axis=1)
             joints[frames, joint], valid[frames, joint] = np.where(known[:, None], place, 0.0), known
     return BodyTrack(joints, valid, None, np.zeros(asked.frames, bool), said.axes or customary)
 

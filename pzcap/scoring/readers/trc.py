@@ -45,10 +45,8 @@ def read_trc(path: Path, asked: Asked, said: Conventions) -> BodyTrack:
         except (ValueError, OverflowError) as error:
             hint = "points in numbers, not commas" if "," in line else "numbers, tabs between"
             raise PzcapError(f"{path} line {number}: {error}; write {hint}") from error
-    if not rows:
-        raise PzcapError(f"{path}: holds no frame; write it again")
     scale = metres(said.unit or header.get("Units", ""), path)
-    places = scale * np.array(rows).reshape(len(rows), -1, 3)
+    places = scale * np.array(rows).reshape(len(rows), len(names), 3)
     return body(
         path, Points(names, places, _rate(path, header.get("DataRate", "")), np.array(numbers)), asked, said, Y_UP
     )
