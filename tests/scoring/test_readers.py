@@ -299,6 +299,10 @@ def test_a_blank_line_between_frames_is_a_frame_without_an_answer(truth: TrueCap
 def test_where_nothing_is_scored_a_line_says_what_to_give(truth: TrueCapture, tmp_path: Path) -> None:
     with pytest.raises(PzcapError, match=r"x\.trc: there is nothing; give"):
         read(tmp_path / "x.trc", truth, PLAIN)
+    (tmp_path / "out" / "walk").mkdir(parents=True)
+    (tmp_path / "out" / "walk" / "results.json").write_text("{}")  # as an export leaves it
+    with pytest.raises(PzcapError, match="out/walk is one"):
+        read(tmp_path / "out", truth, PLAIN)
     (tmp_path / "joints.csv").write_text("frame,joint,x_m,y_m,z_m\n")
     for path in (tmp_path, tmp_path / "joints.csv"):
         with pytest.raises(PzcapError, match=r"joints\.csv is scored with results\.json beside it"):

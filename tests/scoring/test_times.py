@@ -130,8 +130,10 @@ def test_axes_that_would_be_right_are_said(
     line = capsys.readouterr().err
     assert "joints have other axes (turned by 90 degrees about z): say --axes x,z,-y" in line
     assert main([*told, "--axes", "x,z,-y"]) == 0
-    with pytest.raises(SystemExit):
-        main([*told, "--rate", "0"])
+    for rate in ("0", "thirty"):
+        with pytest.raises(SystemExit):
+            main([*told, "--rate", rate])
+        assert f"{rate} is no number above 0" in capsys.readouterr().err
 
 
 def test_a_table_that_does_not_fit_the_file_is_refused(

@@ -40,7 +40,9 @@ def read(path: Path, truth: TrueCapture | None, said: Conventions) -> Results:
             raise PzcapError(
                 f"{path}: {tables[0]} is scored with {files.HEADER} beside it; write that, and give the folder"
             )
-        raise PzcapError(f"{path}: give a folder with {KINDS}")
+        below = sorted(path.glob(f"*/{files.HEADER}"))
+        which = f"; {below[0].parent} is one" if below else ""
+        raise PzcapError(f"{path}: give a folder with {KINDS}{which}")
     if truth is None:
         raise PzcapError(f"{path}: says not how many frames and cameras there are; give the truth as well")
     frames, names = len(truth.timecodes), truth.camera_names
