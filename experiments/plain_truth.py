@@ -60,11 +60,6 @@ def keyframes_of(timecodes: Sequence[str], truth: Truth) -> list[int]:
     return sorted(index[timecode] for timecode in timecodes if timecode in index)
 
 
-def capture_name(capture: Path) -> str:
-    """Name of a capture folder: captures of a shoot are all named alike, and the folder above is the name."""
-    return capture.resolve().parent.name if capture.name == "capture" else capture.resolve().name
-
-
 def _camera(truth: Truth, camera: int, bound: tuple[Series, Series] | None) -> TrueCamera:
     count = len(truth.timecodes)
     distortion = np.zeros((count, 4))
@@ -104,8 +99,9 @@ def write(capture: Path, folder: Path) -> None:
     truth = truth_beside(capture)
     if truth is None:
         raise PzcapError(f"{capture}: no truth beside it; give the folder `capture` of one that the simulator has shot")
-    keyframes = keyframes_of(list(read_capture(capture).keyframe_poses), truth)
-    write_truth(true_capture(truth, capture_name(capture), keyframes), folder)
+    given = read_capture(capture)
+    keyframes = keyframes_of(list(given.keyframe_poses), truth)
+    write_truth(true_capture(truth, given.name, keyframes), folder)
 
 
 def main() -> int:

@@ -66,7 +66,10 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
     if not 0.0 < value < np.inf:
         raise argparse.ArgumentTypeError(f"{text} is no number above 0")
     return value

@@ -100,7 +100,7 @@ def _by_frame(rows: Sequence[Row], frames: int) -> Iterator[tuple[Row, int]]:
         raise PzcapError(f"{rows[0].path}: frames run to {frames} of {frames}; count them from 0, not from 1")
     for row, frame in numbered:
         if not 0 <= frame < frames:
-            raise row.wrong(f"frame {frame} of {frames}; frames are counted from 0, as in the capture")
+            raise row.wrong(f"frame {row.cells['frame']} of {frames}; frames are counted from 0, as in the capture")
         if row.blank(["valid"]) or row.flag("valid"):
             yield row, frame
 

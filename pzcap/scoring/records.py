@@ -104,7 +104,10 @@ def matched(results: Results, truth: TrueCapture) -> tuple[NDArray[np.int64], Ma
     """
     strange = [name for name in results.camera_names if name not in truth.camera_names]
     if strange:
-        raise _of_another_capture(strange[0])
+        raise PzcapError(
+            f"the truth knows no '{strange[0]}', which the results name as a camera; its cameras are "
+            f"{', '.join(truth.camera_names)}"
+        )
     if results.timecodes is None:
         if results.frames != len(truth.timecodes):
             raise PzcapError(
@@ -119,7 +122,11 @@ def by_timecode(timecodes: Sequence[str], true: Sequence[str]) -> tuple[NDArray[
     index = {timecode: frame for frame, timecode in enumerate(true)}
     known = np.array([timecode in index for timecode in timecodes], bool)
     if not known.any():
-        raise _of_another_capture(timecodes[0] if timecodes else "")
+        first_one = timecodes[0] if timecodes else ""
+        raise PzcapError(
+            f"the truth knows no timecode '{first_one}', nor any other of the results; it is of another capture, or "
+            "leave timecodes out where frames are counted as in the capture"
+        )
     first = int(np.argmax(known))
     frames = np.arange(len(known)) - first + index[timecodes[first]]
     return np.clip(frames, 0, len(index) - 1), known
@@ -136,7 +143,3 @@ def thinned(truth: TrueCapture, every: int) -> TrueCapture:
 def within(track: CameraTrack, known: Mask) -> CameraTrack:
     """``track``, valid in the frames ``known`` (F,) alone."""
     return replace(track, valid=track.valid & known)
-
-
-def _of_another_capture(unknown: str) -> PzcapError:
-    return PzcapError(f"the truth beside the capture knows no '{unknown}'; it is of another capture, remove it")

@@ -60,11 +60,19 @@ def _by_themselves(results: Results) -> Iterator[str]:
     if not len(joints):
         yield "no joint is valid: nothing is scored"
         return
+    if not body.valid[~body.keyframe].any():
+        yield "keyframes are all the frames that have joints, and are not scored: list those set by hand"
     if np.median(np.linalg.norm(joints, axis=1)) > FARTHEST_M:
         yield "joints lie hundreds of metres away: millimetres? write metres"
     pelvis = body.joints_m[body.valid[:, 0], 0]
-    if len(pelvis) and np.abs(pelvis).max() < 1e-6:
+    nowhere = body.valid & np.all(body.joints_m == 0.0, axis=2)
+    if len(pelvis) and np.abs(pelvis).max() < 1e-6 and not nowhere[:, 1:].any():
         yield "the pelvis is at the origin in every frame: joints relative to it? write world coordinates"
+    elif nowhere.any():
+        yield (
+            f"{nowhere.sum()} joints are exactly at 0, 0, 0, the first in frame {np.argmax(nowhere.any(axis=1))}: not "
+            "found? they are scored as they stand; leave their rows out, or their cells blank"
+        )
     if body.sigma_m is not None and np.median(body.sigma_m[body.valid]) > 1.0:
         yield "sigma_m is above a metre: millimetres? write metres"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from fractions import Fraction
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,8 @@ NEAR_M: Final = 0.03  # joints nearer to the truth than this, in the median, are
 SHIFT_M: Final = 0.01
 """The same for frames that are counted otherwise: somebody who walks is 3 cm further a frame later."""
 FIXED_BY: Final = 12  # joints that fit another world by no chance
+RATES: Final = (2.0, 0.5, 3.0, 1.0 / 3.0, 4.0, 0.25)  # frames a second over the capture's, as of 60 for 30
+FEWEST: Final = 3  # frames that fit other times by no chance
 SIDES: Final = tuple(
     JOINTS.index(name.replace("left", "R").replace("right", "left").replace("R", "right")) for name in JOINTS
 )
@@ -28,12 +31,22 @@ def suspicious_body(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int6
     given = body.valid & known[:, None] & ~body.keyframe[:, None] & ~truth.keyframe[frames][:, None]
     if not given.any():
         return
+    given &= np.any(body.joints_m != 0.0, axis=2)  # what was not found hides no mistake of the others
+    if not given.any():
+        return
     true = truth.joints_m[frames]
     off = _off(body.joints_m, true, given)
     best = min(SHIFTS, key=lambda shift: _shifted(body, truth, frames, given, shift))
     if off > SHIFT_M and better(_shifted(body, truth, frames, given, best), off):
-        yield f"joints are those {abs(best)} frames {'later' if best > 0 else 'earlier'}: count frames from 0"
+        yield f"joints are those {abs(best)} frames {'later' if best > 0 else 'earlier'}: {_count(body, best)}"
         return
+    if off > NEAR_M:
+        other_times = list(_another_rate(body, truth, frames, given, off)) or list(
+            _cut_out(body, truth, frames, given, off)
+        )
+        if other_times:
+            yield from other_times
+            return
     if off <= NEAR_M:
         yield from _wrong_order(body, true, given)
         yield from _strange_claim(body, given, off)
@@ -88,6 +101,49 @@ def _shifted(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], giv
     if np.any(given[inner], axis=1).sum() < enough(shift, np.any(given, axis=1).sum()):
         return np.inf
     return _off(body.joints_m[inner], truth.joints_m[there[inner]], given[inner])
+
+
+def _count(body: BodyTrack, later: int) -> str:
+    """Advice on joints that are of so many frames later."""
+    begins = int(np.argmax(body.valid.any(axis=1))) + later
+    return (
+        "count frames as the capture does, from 0"
+        if body.read_by is None or begins < 0
+        else f"say --first-frame {begins}"
+    )
+
+
+def _another_rate(
+    body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], given: Mask, off: float
+) -> Iterator[str]:
+    """Frames that are counted more quickly or slowly than the truth's, from the first one or the first given on."""
+    own = float(Fraction(truth.frame_rate))
+    for begins in dict.fromkeys((0, int(np.argmax(body.valid.any(axis=1))))):
+        for ratio in RATES:
+            instants = frames[begins] + (frames - frames[begins]) / ratio
+            there = np.rint(instants).astype(np.int64)
+            inner = (there >= 0) & (there < len(truth.timecodes)) & (np.abs(instants - there) < 1e-6)
+            if np.any(given[inner], axis=1).sum() < FEWEST:
+                continue
+            undone = _off(body.joints_m[inner], truth.joints_m[there[inner]], given[inner])
+            if undone <= NEAR_M and better(undone, off):
+                say = (
+                    "give a frame for each of the capture's" if body.read_by is None else f"say --rate {ratio * own:g}"
+                )
+                yield f"joints have {ratio * own:.4g} frames a second where the capture has {own:.4g}: {say}"
+                return
+
+
+def _cut_out(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], given: Mask, off: float) -> Iterator[str]:
+    """A part of the capture whose frames are counted from the part's own beginning, however late that is."""
+    rows = np.flatnonzero(given.any(axis=1))
+    most = len(truth.timecodes) - 1 - int(frames[rows].max())
+    if len(rows) < FEWEST or most < 1:
+        return
+    shifted = [_off(body.joints_m[rows], truth.joints_m[frames[rows] + by], given[rows]) for by in range(most + 1)]
+    best = int(np.argmin(shifted))
+    if shifted[best] <= NEAR_M and better(shifted[best], off):
+        yield f"joints are those {best} frames later: {_count(body, best)}"
 
 
 def _wrong_order(body: BodyTrack, true: Array, given: Mask) -> Iterator[str]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import csv
 import difflib
 import json
-import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from pzcap.io.files import checked, written_whole
 from pzcap.types import PzcapError
 
 GUIDE: Final = "see docs/benchmark.md"
+LARGEST: Final = 1e100  # beyond it squares overflow, and nothing that is measured lies there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class Row:
             hint = "write a point, not a comma" if ";" in text or "," in text else "write a number"
             what = f"'{text}' is no number" if text else "is empty"
             raise self.wrong(f"{column} {what}; {hint}, or leave the row out") from error
-        if not math.isfinite(value):
+        if not abs(value) <= LARGEST:
             raise self.wrong(f"{column} is {text}; leave the row out where nothing is known, or set valid to 0")
         return value
 
@@ -73,9 +73,15 @@ def read_table(path: Path, required: Collection[str], optional: Collection[str])
             lines = list(csv.reader(file, strict=True))
     except FileNotFoundError as error:
         raise PzcapError(f"{path} is missing; {GUIDE}") from error
+    except UnicodeDecodeError as error:
+        raise PzcapError(
+            f"{path}: is no text in UTF-8 ({error.reason} at byte {error.start}); save it as UTF-8"
+        ) from error
     except (OSError, ValueError, csv.Error) as error:
         raise PzcapError(f"{path}: is no table of text ({error}); {GUIDE}") from error
-    columns = [name.strip() for name in lines[0]] if lines else []
+    if not any(cell.strip() for line in lines for cell in line):
+        raise PzcapError(f"{path}: is empty; the first line names the columns, {GUIDE}")
+    columns = [name.strip() for name in lines[0]]
     _check_columns(path, columns, required, optional)
     rows = []
     for number, cells in enumerate(lines[1:], start=2):
@@ -92,8 +98,10 @@ def read_table(path: Path, required: Collection[str], optional: Collection[str])
 
 def _check_columns(path: Path, columns: Sequence[str], required: Collection[str], optional: Collection[str]) -> None:
     known = [*required, *optional]
-    if len(columns) == 1 and any(mark in columns[0] for mark in ";\t"):
+    if len(columns) == 1 and any(mark in columns[0] for mark in "; \t"):
         raise PzcapError(f"{path}: one column, '{columns[0]}'; write commas between columns, and points in numbers")
+    if not any(columns):
+        raise PzcapError(f"{path} line 1: is blank; the first line names the columns, {GUIDE}")
     for name in columns:
         if name not in known:
             raise PzcapError(f"{path}: unknown column '{name}'; {nearest(name, known)}")

@@ -239,6 +239,10 @@ def relative(rows: Rows) -> Rows:
     return [put(r, at - roots[r["frame"]]) for r, at in zip(rows, found, strict=True)]
 
 
+def unfound(rows: Rows) -> Rows:
+    return [put(r, np.zeros(3)) if r["frame"] in ("3", "7") else r for r in rows]
+
+
 @pytest.mark.parametrize(
     ("name", "edit", "line"),
     [
@@ -248,6 +252,7 @@ def relative(rows: Rows) -> Rows:
         ("joints.csv", places(lambda t: 1000.0 * t), "joints lie hundreds of metres away"),
         ("cameras.csv", every(pan_rad=lambda _: 123.0), "beyond a full turn: degrees?"),
         ("joints.csv", lambda rows: [r | {"valid": "0"} for r in rows], "no joint is valid"),
+        ("joints.csv", unfound, "32 joints are exactly at 0, 0, 0, the first in frame 3: not found?"),
     ],
 )
 def test_some_mistakes_show_without_the_truth(

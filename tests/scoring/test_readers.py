@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -102,7 +103,7 @@ def test_soccernet(truth: TrueCapture, tmp_path: Path) -> None:
 
 def write_trc(path: Path, joints_m: Array, names: tuple[str, ...] = JOINTS, unit: str = "mm") -> None:
     """Joints (T, N, 3) in the axes of Pose2Sim: y up."""
-    scale = {"mm": 1000.0, "m": 1.0}[unit]
+    scale = 1000.0 if unit in ("mm", "millimetres") else 1.0
     head = ["PathFileType\t4\t(X/Y/Z)\tx.trc",
             "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
             f"30\t30\t{len(joints_m)}\t{len(names)}\t{unit}\t30\t1\t{len(joints_m)}",
@@ -113,7 +114,7 @@ def write_trc(path: Path, joints_m: Array, names: tuple[str, ...] = JOINTS, unit
     path.write_text("\r\n".join(head) + "\r\n")
 
 
-@pytest.mark.parametrize("unit", ["mm", "m"])
+@pytest.mark.parametrize("unit", ["mm", "m", "Meter", "millimetres"])
 def test_trc_with_blank_cells_and_a_table_of_names(truth: TrueCapture, tmp_path: Path, unit: str) -> None:
     joints = truth.joints_m.copy()
     joints[3, 5] = np.nan
@@ -258,3 +259,70 @@ def test_results_of_others_are_those_of_the_truth_with_fewer_frames(truth: TrueC
     values = {m.key: m.value for m in metrics(score(results, truth))}
     assert values["panzoom.completeness"] == 75.0
     assert values == {m.key: m.value for m in metrics(score(replace(results, method="x"), truth))}
+
+
+TRC_MISTAKES = {
+    "a joint without a name": (lambda t: t.replace("lumbar\t\t\t", "\t\t\t"), "48 coordinates where line 4 names 15"),
+    "a name twice": (lambda t: t.replace("lumbar", "pelvis"), "names 'pelvis' twice"),
+    "no unit": (lambda t: t.replace("\tmm\t", "\t\t"), "names no unit; say --unit m, cm or mm"),
+    "another unit": (lambda t: t.replace("\tmm\t", "\tin\t"), "its unit 'in' is none of m, cm and mm"),
+    "decimal commas in numbers": (lambda t: t[:400] + t[400:].replace(".", ","), "points in numbers, not commas"),
+    "decimal comma in the rate": (lambda t: t.replace("\r\n30\t", "\r\n60,0\t"), "60 frames a second where"),
+    "no rate": (lambda t: t.replace("\r\n30\t", "\r\nfast\t"), "DataRate is 'fast'"),
+    "no names": (lambda t: re.sub("(Time|\n[0-9]+\t0[.][0-9]+)[^\r]*", r"\1", t), "names no joint"),
+    "no frame": (lambda t: t[: t.index("\r\n1\t0.0")] + "\r\n\r\n", "holds no frame"),
+    "no tabs": (lambda t: t.replace("\t", " "), "line 7: one cell, '1 0.0 "),
+}
+
+
+@pytest.mark.parametrize("mistake", TRC_MISTAKES)
+def test_a_trc_that_is_none_is_refused(truth: TrueCapture, tmp_path: Path, mistake: str) -> None:
+    edit, line = TRC_MISTAKES[mistake]
+    path = tmp_path / "x.trc"
+    write_trc(path, truth.joints_m)
+    path.write_bytes(edit(path.read_bytes().decode()).encode())
+    with pytest.raises(PzcapError) as error:
+        read(path, truth, PLAIN)
+    assert line in str(error.value)
+    assert len(str(error.value)) < 250 + len(str(path))
+
+
+def test_a_blank_line_between_frames_is_a_frame_without_an_answer(truth: TrueCapture, tmp_path: Path) -> None:
+    write_trc(tmp_path / "x.trc", truth.joints_m)
+    lines = (tmp_path / "x.trc").read_text().split("\n")
+    (tmp_path / "x.trc").write_text("\n".join([*lines[:11], "", *lines[12:]]))
+    body = read(tmp_path / "x.trc", truth, PLAIN).body
+    assert body is not None
+    np.testing.assert_array_equal(np.flatnonzero(~body.valid.all(axis=1)), [5])
+
+
+def test_where_nothing_is_scored_a_line_says_what_to_give(truth: TrueCapture, tmp_path: Path) -> None:
+    with pytest.raises(PzcapError, match=r"x\.trc: there is nothing; give"):
+        read(tmp_path / "x.trc", truth, PLAIN)
+    (tmp_path / "out" / "walk").mkdir(parents=True)
+    (tmp_path / "out" / "walk" / "results.json").write_text("{}")  # as an export leaves it
+    with pytest.raises(PzcapError, match="out/walk is one"):
+        read(tmp_path / "out", truth, PLAIN)
+    (tmp_path / "joints.csv").write_text("frame,joint,x_m,y_m,z_m\n")
+    for path in (tmp_path, tmp_path / "joints.csv"):
+        with pytest.raises(PzcapError, match=r"joints\.csv is scored with results\.json beside it"):
+            read(path, truth, PLAIN)
+    (tmp_path / "names.csv").write_text("theirs,joint\n")
+    with pytest.raises(PzcapError, match="holds no name"):
+        joint_names(tmp_path / "names.csv")
+    (tmp_path / "results.json").write_text("{}")
+    with pytest.raises(PzcapError, match="are of TRC, C3D and BVH; this is none"):
+        read(tmp_path, truth, Conventions(unit="mm"))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", ["inf", "-1e400", "1e200"])
+def test_a_number_that_is_no_place_is_a_joint_without_an_answer(truth: TrueCapture, tmp_path: Path, value: str) -> None:
+    write_trc(tmp_path / "x.trc", truth.joints_m)
+    lines = (tmp_path / "x.trc").read_text().split("\n")
+    lines[8] = "\t".join([*lines[8].split("\t")[:2], value, *lines[8].split("\t")[3:]])
+    (tmp_path / "x.trc").write_text("\n".join(lines))
+    body = read(tmp_path / "x.trc", truth, PLAIN).body
+    assert body is not None
+    np.testing.assert_array_equal(np.argwhere(~body.valid), [[2, 0]])
+    assert suspicions(read(tmp_path / "x.trc", truth, PLAIN), truth) == []

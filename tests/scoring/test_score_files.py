@@ -16,6 +16,7 @@ from experiments.plain_truth import true_capture, write
 from experiments.score import score as score_in_memory
 from experiments.totals import metrics as metrics_in_memory
 from pzcap.export.tables import results_of
+from pzcap.io.capture import read_capture
 from pzcap.scoring import truth_files
 from pzcap.scoring.command import main, over
 from pzcap.scoring.files import read_results, write_results
@@ -77,6 +78,7 @@ def test_a_truth_of_the_simulator_is_named_and_can_be_written_plain(tmp_path: Pa
     write(small_capture / "capture", tmp_path)
     plainly = truth_files.read_truth(tmp_path)
     assert plainly.camera_names == ("1", "2", "3", "4")
+    assert plainly.name == read_capture(small_capture / "capture").name, "as results of that capture name it"
     assert plainly.keyframe.any(), "poses that the capture gives are not scored"
     with pytest.raises(PzcapError, match="no truth beside it"):
         write(tmp_path, tmp_path / "out")

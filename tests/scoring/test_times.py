@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,8 +130,10 @@ def test_axes_that_would_be_right_are_said(
     line = capsys.readouterr().err
     assert "joints have other axes (turned by 90 degrees about z): say --axes x,z,-y" in line
     assert main([*told, "--axes", "x,z,-y"]) == 0
-    with pytest.raises(SystemExit):
-        main([*told, "--rate", "0"])
+    for rate in ("0", "thirty"):
+        with pytest.raises(SystemExit):
+            main([*told, "--rate", rate])
+        assert f"{rate} is no number above 0" in capsys.readouterr().err
 
 
 def test_a_table_that_does_not_fit_the_file_is_refused(
@@ -152,3 +155,32 @@ def test_a_table_that_does_not_fit_the_file_is_refused(
     names.write_text("theirs,joint\n" + rows)
     assert len(joint_names(names)) == 9
     assert main(told) == 0
+
+
+def crossing(truth: TrueCapture) -> TrueCapture:
+    """The ``truth`` of somebody who walks and does not come back."""
+    walked = truth.joints_m[0] + np.arange(len(truth.joints_m))[:, None, None] * np.array([0.06, 0.01, 0.0])
+    return replace(truth, joints_m=walked)
+
+
+@pytest.mark.parametrize(
+    ("frames", "line", "said"),
+    [
+        (range(0, 20, 2), "joints have 15 frames a second where the capture has 30: say --rate 15", ["--rate", "15"]),
+        (np.repeat(range(10), 2), "joints have 60 frames a second where the capture has 30", ["--rate", "60"]),
+        (range(12, 17), "joints are those 12 frames later: say --first-frame 12", ["--first-frame", "12"]),
+        (range(1, 20), "joints are those 1 frames later: say --first-frame 1", ["--first-frame", "1"]),
+    ],
+)
+def test_what_would_bring_the_frames_to_their_times_is_said(
+    frames: Sequence[int], line: str, said: list[str] | None, truth: TrueCapture, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    walking = crossing(truth)
+    write_truth(walking, tmp_path / "truth")
+    write_trc(tmp_path / "x.trc", walking.joints_m[list(frames)], range(len(frames)))
+    told = [str(tmp_path / "x.trc"), str(tmp_path / "truth")]
+    assert main(told) == SUSPICIOUS
+    assert line in capsys.readouterr().err
+    if said is not None:
+        assert main([*told, *said]) == 0

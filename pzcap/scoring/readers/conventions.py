@@ -12,7 +12,7 @@ import numpy as np
 from pzcap.scoring import misreadings
 from pzcap.scoring.readers.times import Asked, Points, frames_of
 from pzcap.scoring.records import BodyTrack
-from pzcap.scoring.tables import nearest, read_table
+from pzcap.scoring.tables import LARGEST, nearest, read_table
 from pzcap.types import JOINTS, Array, PzcapError
 
 METRES: Final = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
@@ -42,13 +42,15 @@ def joint_names(path: Path) -> dict[str, str]:
         if theirs in names or joint in names.values():
             raise row.wrong(f"'{theirs if theirs in names else joint}' is there twice; give each name once")
         names[theirs] = joint
+    if not names:
+        raise PzcapError(f"{path}: holds no name; write a row a joint, theirs,joint")
     return names
 
 
 def axes(text: str) -> Array:
     """(3, 3) the file's coordinates to ours, of a text such as "y,z,x" or "x,z,-y"."""
     parts = [part.strip() for part in text.split(",")]
-    if sorted(part.lstrip("+-") for part in parts) != ["x", "y", "z"]:
+    if sorted(part[part[:1] in ("+", "-") :] for part in parts) != ["x", "y", "z"]:
         raise PzcapError(f"axes {text}: name our axis along each of the file's, such as y,z,x or x,z,-y")
     turn = misreadings.axes(text)
     if np.linalg.det(turn) < 0.0:
@@ -58,9 +60,12 @@ def axes(text: str) -> Array:
 
 def metres(unit: str, path: Path) -> float:
     """Metres to a unit of length."""
-    if unit.lower() not in METRES:
-        raise PzcapError(f"{path}: no unit '{unit}'; say --unit m, cm or mm")
-    return METRES[unit.lower()]
+    name = unit.strip().lower().replace("metre", "meter")
+    name += "s" if name.endswith("meter") else ""
+    if name not in METRES:
+        what = f"its unit '{unit}' is none of m, cm and mm" if name else "names no unit"
+        raise PzcapError(f"{path}: {what}; say --unit m, cm or mm")
+    return METRES[name]
 
 
 def body(path: Path, points: Points, asked: Asked, said: Conventions, customary: str) -> BodyTrack:
@@ -69,15 +74,21 @@ def body(path: Path, points: Points, asked: Asked, said: Conventions, customary:
     Raises PzcapError if no name is known or one of the table is missing, or for frames that are not the capture's.
     """
     table, index = said.names or {name: name for name in JOINTS}, {name: at for at, name in enumerate(points.names)}
+    if not any(points.names):
+        raise PzcapError(f"{path}: names no joint; write their names in its header")
     if not set(table) & set(index):
         some = ", ".join(list(points.names)[:4])
         raise PzcapError(f"{path}: none of its joints ({some}, ...) is known; map them with --joints TABLE.csv")
     for theirs in said.names:
         if theirs not in index:
             raise PzcapError(f"{path}: no '{theirs}', which the table of joints names; {nearest(theirs, index)}")
+    twice = [theirs for theirs in table if list(points.names).count(theirs) > 1]
+    if twice:
+        raise PzcapError(f"{path}: names '{twice[0]}' twice; give each joint a name of its own")
     rows, frames = frames_of(path, points, asked, said.first_frame, said.rate)
     joints, valid = np.zeros((asked.frames, len(JOINTS), 3)), np.zeros((asked.frames, len(JOINTS)), bool)
-    turned = points.places_m[rows] @ axes(said.axes or customary).T
+    places = np.where(np.abs(points.places_m[rows]) <= LARGEST, points.places_m[rows], np.nan)
+    turned = places @ axes(said.axes or customary).T
     for theirs, ours in table.items():
         if theirs in index:
             joint = JOINTS.index(ours)

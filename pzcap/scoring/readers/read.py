@@ -26,6 +26,11 @@ def read(path: Path, truth: TrueCapture | None, said: Conventions) -> Results:
 
     Raises PzcapError, in one line, for everything that they are not.
     """
+    if not path.exists():
+        raise PzcapError(f"{path}: there is nothing; give a folder with {KINDS}")
+    if said != Conventions() and path.suffix.lower() not in BODIES:
+        raise PzcapError(f"{path}: --joints, --axes, --unit, --first-frame and --rate are of TRC, C3D and BVH; this is "
+                         "none, leave them out and write what docs/benchmark.md says")  # fmt: skip
     if (path / files.HEADER).exists():
         return files.read_results(path)
     reader = BODIES.get(path.suffix.lower())
@@ -34,8 +39,9 @@ def read(path: Path, truth: TrueCapture | None, said: Conventions) -> Results:
         for table in (files.CAMERAS, files.BODY):
             if path.name == table or (path / table).exists():
                 raise _alone(path, table)
-        missing = "" if path.exists() else "there is nothing; "
-        raise PzcapError(f"{path}: {missing}give a folder with {KINDS}")
+        below = sorted(path.glob(f"*/{files.HEADER}"))
+        which = f"; {below[0].parent} is one" if below else ""
+        raise PzcapError(f"{path}: give a folder with {KINDS}{which}")
     if truth is None:
         raise PzcapError(f"{path}: says not how many frames and cameras there are; give the truth as well")
     frames, names = len(truth.timecodes), truth.camera_names

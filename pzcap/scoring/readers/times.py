@@ -44,6 +44,8 @@ def frames_of(
     Raises PzcapError where the file leaves either open, has a frame twice, or has frames that the capture has not.
     """
     numbers = np.arange(len(points.places_m)) if points.numbers is None else points.numbers
+    if not len(numbers):
+        raise PzcapError(f"{path}: holds no frame; write it again")
     values, counts = np.unique(numbers, return_counts=True)
     if np.any(counts > 1):
         raise PzcapError(f"{path}: frame {values[np.argmax(counts)]} is there twice; give each frame once")

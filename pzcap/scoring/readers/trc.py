@@ -21,34 +21,41 @@ def read_trc(path: Path, asked: Asked, said: Conventions) -> BodyTrack:
         raise PzcapError(f"{path}: cannot be read ({error}); write it again") from error
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         raise PzcapError(f"{path}: is no TRC file; its first word is PathFileType")
-    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    mark = "\t" if "\t" in lines[2] else None  # between tabs a cell may be blank
+    header = dict(zip(lines[1].split(mark), (cell.strip() for cell in lines[2].split(mark)), strict=False))
     names = [name.strip() for name in lines[3].split("\t")[2:] if name.strip()]
     rows: list[list[float]] = []
     numbers: list[int] = []
     for number, line in enumerate(lines[5:], start=6):
         if not line.strip():
-            if rows:
-                break
-            continue  # a blank line between the names and the numbers is customary
+            continue  # customary between the names and the numbers; further down a frame without an answer
+        if "\t" not in line:
+            raise PzcapError(f"{path} line {number}: one cell, '{line[:40]}'; write tabs between numbers")
         first, *cells = line.split("\t")
         del cells[:1]  # the time
         cells += [""] * (3 * len(names) - len(cells))
+        if any(cell.strip() for cell in cells[3 * len(names) :]):
+            raise PzcapError(
+                f"{path} line {number}: {len(cells)} coordinates where line 4 names {len(names)} joints, three "
+                "coordinates each; name every joint, tabs between"
+            )
         try:
             numbers.append(int(float(first)))
             rows.append([float(cell) if cell.strip() else np.nan for cell in cells[: 3 * len(names)]])
         except (ValueError, OverflowError) as error:
-            raise PzcapError(f"{path} line {number}: {error}; write numbers, tabs between") from error
-    if not rows:
-        raise PzcapError(f"{path}: holds no frame; write it again")
+            hint = "points in numbers, not commas" if "," in line else "numbers, tabs between"
+            raise PzcapError(f"{path} line {number}: {error}; write {hint}") from error
     scale = metres(said.unit or header.get("Units", ""), path)
-    places = scale * np.array(rows).reshape(len(rows), -1, 3)
-    return body(path, Points(names, places, _rate(header.get("DataRate", "")), np.array(numbers)), asked, said, Y_UP)
+    places = scale * np.array(rows).reshape(len(rows), len(names), 3)
+    return body(
+        path, Points(names, places, _rate(path, header.get("DataRate", "")), np.array(numbers)), asked, said, Y_UP
+    )
 
 
-def _rate(text: str) -> float | None:
+def _rate(path: Path, text: str) -> float | None:
     """Frames a second, None where the file does not say."""
     try:
-        value = float(text)
-    except ValueError:
-        return None
+        value = float(text.replace(",", ".") or 0.0)
+    except ValueError as error:
+        raise PzcapError(f"{path}: DataRate is '{text}'; write the frames a second") from error
     return value if value > 0.0 else None
