@@ -106,11 +106,9 @@ def _shifted(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], giv
 def _count(body: BodyTrack, later: int) -> str:
     """Advice on joints that are of so many frames later."""
     begins = int(np.argmax(body.valid.any(axis=1))) + later
-    return (
-        "count frames as the capture does, from 0"
-        if body.read_by is None or begins < 0
-        else f"say --first-frame {begins}"
-    )
+    if body.read_by is None or begins < 0:
+        return "count frames as the capture does, from 0"
+    return f"say --first-frame {begins}"
 
 
 def _another_rate(
@@ -127,10 +125,9 @@ def _another_rate(
                 continue
             undone = _off(body.joints_m[inner], truth.joints_m[there[inner]], given[inner])
             if undone <= NEAR_M and better(undone, off):
-                say = (
-                    "give a frame for each of the capture's" if body.read_by is None else f"say --rate {ratio * own:g}"
-                )
-                yield f"joints have {ratio * own:.4g} frames a second where the capture has {own:.4g}: {say}"
+                rate = ratio * own
+                say = f"say --rate {rate:g}" if body.read_by else "give a frame for each of the capture's"
+                yield f"joints have {rate:.4g} frames a second where the capture has {own:.4g}: {say}"
                 return
 
 

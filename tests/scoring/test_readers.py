@@ -305,7 +305,7 @@ def test_where_nothing_is_scored_a_line_says_what_to_give(truth: TrueCapture, tm
         read(tmp_path / "out", truth, PLAIN)
     (tmp_path / "joints.csv").write_text("frame,joint,x_m,y_m,z_m\n")
     for path in (tmp_path, tmp_path / "joints.csv"):
-        with pytest.raises(PzcapError, match=r"joints\.csv is scored with results\.json beside it"):
+        with pytest.raises(PzcapError, match=r"joints\.csv alone says not .*; write results\.json beside it"):
             read(path, truth, PLAIN)
     (tmp_path / "names.csv").write_text("theirs,joint\n")
     with pytest.raises(PzcapError, match="holds no name"):

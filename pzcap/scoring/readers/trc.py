@@ -47,9 +47,8 @@ def read_trc(path: Path, asked: Asked, said: Conventions) -> BodyTrack:
             raise PzcapError(f"{path} line {number}: {error}; write {hint}") from error
     scale = metres(said.unit or header.get("Units", ""), path)
     places = scale * np.array(rows).reshape(len(rows), len(names), 3)
-    return body(
-        path, Points(names, places, _rate(path, header.get("DataRate", "")), np.array(numbers)), asked, said, Y_UP
-    )
+    rate = _rate(path, header.get("DataRate", ""))
+    return body(path, Points(names, places, rate, np.array(numbers)), asked, said, Y_UP)
 
 
 def _rate(path: Path, text: str) -> float | None:
